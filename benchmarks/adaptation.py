@@ -24,17 +24,23 @@ import numpy as np
 import shapely
 
 from benchmarks.attainable_dissimilarity import distance_to_target, ideal_fold
-from calibration.identify import SIGMA, identify_friction, outline_residual, predict_candidates, silhouette
-from cell.config.garments.garment_file import load_garment
-from cell.executive.effects.adapting import FACTORS
-from robots.ports import Array
-from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.cloth.predict import predict_fold
-from skills.fold_plan.plan import plan_folds
-from skills.garments.garment import Garment
-from skills.trajectory.arcs.paths import fold_paths, lifted
-from skills.trajectory.search.optimise import optimise_fold
-from skills.vocabulary import FoldStep, GraspId, GraspTrajectory, Material, ToolPath
+from foldcell.calibration.identify import (
+    SIGMA,
+    identify_friction,
+    outline_residual,
+    predict_candidates,
+    silhouette,
+)
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.executive.effects.adapting import FACTORS
+from foldcell.robots.ports import Array
+from foldcell.skills.cloth.mesh import ClothMesh, mesh_from_contour
+from foldcell.skills.cloth.predict import predict_fold
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.trajectory.arcs.paths import fold_paths, lifted
+from foldcell.skills.trajectory.search.optimise import optimise_fold
+from foldcell.skills.vocabulary import FoldStep, GraspId, GraspTrajectory, Material, ToolPath
 
 SEEN_SIGMA, SEEN_LENGTH = 0.0015, 0.05
 """Standard deviation of the error of an observed outline, and correlation length of this error along the

@@ -15,7 +15,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 PICTURE = ROOT / "docs" / "pictures" / "packages.svg"
 ABOVE = ("foldcell",)
-BELOW = ("calibration", "skills", "robots")
+PREFIX = "foldcell.cell."
+BELOW = ("foldcell.calibration", "foldcell.skills", "foldcell.robots")
 CELL, LEFT, TOP = 30, 150, 118
 SHADES = ((1, "#d6e4f7"), (5, "#8fb4e8"), (15, "#3f76c9"), (40, "#1d3f7a"))
 """For each shade: minimum number of imports, and colour."""
@@ -24,8 +25,8 @@ SHADES = ((1, "#d6e4f7"), (5, "#8fb4e8"), (15, "#3f76c9"), (40, "#1d3f7a"))
 def packages() -> list[str]:
     """Return the packages from top to bottom: those above `cell`, those within it, those below it."""
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]
-    layers = next(c["layers"] for c in settings["contracts"] if c.get("containers") == ["cell"])
-    inner = [f"cell.{name}" for layer in layers for name in layer.split("|")]
+    layers = next(c["layers"] for c in settings["contracts"] if c.get("containers") == ["foldcell.cell"])
+    inner = [PREFIX + name for layer in layers for name in layer.split("|")]
     return [*ABOVE, *inner, *BELOW]
 
 
@@ -33,10 +34,10 @@ def imports(names: list[str]) -> Counter[tuple[str, str]]:
     """Count the imports between packages; the key is (importing package, imported package)."""
     import grimp
 
-    graph = grimp.build_graph("cell", *ABOVE, *BELOW)
+    graph = grimp.build_graph("foldcell")
 
     def package(module: str) -> str | None:
-        return next((n for n in names if module == n or module.startswith(n + ".")), None)
+        return next((n for n in reversed(names) if module == n or module.startswith(n + ".")), None)
 
     return Counter(
         (a, b)
@@ -54,8 +55,8 @@ def draw(names: list[str], counts: Counter[tuple[str, str]]) -> str:
         ' font-family="sans-serif" font-size="13"><rect width="100%" height="100%" fill="#ffffff"/>'
     ]
     for i, name in enumerate(names):
-        label, y, x = name.removeprefix("cell."), TOP + i * CELL, LEFT + i * CELL
-        weight = "" if name.startswith("cell.") else ' font-weight="bold"'
+        label, y, x = name.removeprefix(PREFIX).removeprefix("foldcell."), TOP + i * CELL, LEFT + i * CELL
+        weight = "" if name.startswith(PREFIX) else ' font-weight="bold"'
         out.append(f'<text x="{LEFT - 8}" y="{y + 20}" text-anchor="end"{weight}>{label}</text>')
         out.append(f'<text transform="translate({x + 20} {TOP - 8}) rotate(-60)"{weight}>{label}</text>')
         for j, other in enumerate(names):

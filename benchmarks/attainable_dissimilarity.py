@@ -24,19 +24,19 @@ import argparse
 
 import numpy as np
 
-from cell.config.garments.garment_file import list_garments, load_garment
-from skills.cloth.intersections.crossings import count_crossings
-from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.cloth.settings import SolverSettings
-from skills.cloth.solver import ClothSimulation
-from skills.fold_figures.folded_mesh import fold_mesh
-from skills.fold_plan.folding import fold_points, outline_of, target_vertices
-from skills.fold_plan.plan import plan_folds
-from skills.fold_plan.turned_fold import turned_over
-from skills.garments.garment import Garment
-from skills.scoring.alignment import FinalGarment
-from skills.scoring.score import named_edge_pairs, score
-from skills.vocabulary import Array, FoldLine, Material, frozen
+from foldcell.cell.config.garments.garment_file import list_garments, load_garment
+from foldcell.skills.cloth.intersections.crossings import count_crossings
+from foldcell.skills.cloth.mesh import ClothMesh, mesh_from_contour
+from foldcell.skills.cloth.settings import SolverSettings
+from foldcell.skills.cloth.solver import ClothSimulation
+from foldcell.skills.fold_figures.folded_mesh import fold_mesh
+from foldcell.skills.fold_plan.folding import fold_points, outline_of, target_vertices
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.fold_plan.turned_fold import turned_over
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.scoring.alignment import FinalGarment
+from foldcell.skills.scoring.score import named_edge_pairs, score
+from foldcell.skills.vocabulary import Array, FoldLine, Material, frozen
 
 EDGE, FINER = 0.018, 0.85
 """Maximum edge length of the evaluation mesh: EDGE [m], and FINER times that of the optimiser's mesh."""

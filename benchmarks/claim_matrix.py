@@ -26,9 +26,9 @@ from benchmarks.claims.record import recorded
 from benchmarks.claims.verdicts import Verdict, caught_by, verdicts
 from benchmarks.results_page import table
 from benchmarks.score_matrix import KINDS, OTHER_KINDS
-from cell.campaigns.statistics.proportions import wilson_interval
-from cell.config.garments.garment_file import list_garments
-from robots.errors import CellError
+from foldcell.cell.campaigns.statistics.proportions import wilson_interval
+from foldcell.cell.config.garments.garment_file import list_garments
+from foldcell.robots.errors import CellError
 
 __all__ = ["false_claims", "page"]
 

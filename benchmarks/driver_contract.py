@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.results_page import table
-from cell.hardware.contract.clauses import CLAUSES
+from foldcell.cell.hardware.contract.clauses import CLAUSES
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "results" / "drivers.md"
 DRIVERS = (("baxter", "sim"), ("baxter", "emulator"), ("ur5_pair", "sim"))
@@ -44,7 +44,7 @@ def main() -> None:
         command = [
             sys.executable,
             "-m",
-            "cell.commands.main",
+            "foldcell.cell.commands.main",
             "robot",
             "check",
             robot,

@@ -20,20 +20,20 @@ from unittest.mock import patch
 
 import numpy as np
 
-from cell.config.cell_settings import load_settings
-from cell.control import loop
-from cell.control.checks import ExecutionLimits
-from cell.control.motion import Motion
-from cell.control.motions import hold_position, trajectory
-from cell.control.ticks import TICK_S
-from cell.record.run_record import RunRecord
-from cell.runs.fold_run import FoldRequest, fold_once
-from cell.simulation.noise import NoiseTable, Range, load_noise
-from robots.baxter.robot import load_model
-from robots.model import RobotModel
-from robots.ports import Array, JointSetpoint, JointState, Ports, Side, arm_slice
-from skills.motion.kinematics.ik import tool_pose
-from skills.vocabulary import Outcome
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.control import loop
+from foldcell.cell.control.checks import ExecutionLimits
+from foldcell.cell.control.motion import Motion
+from foldcell.cell.control.motions import hold_position, trajectory
+from foldcell.cell.control.ticks import TICK_S
+from foldcell.cell.record.run_record import RunRecord
+from foldcell.cell.runs.fold_run import FoldRequest, fold_once
+from foldcell.cell.simulation.noise import NoiseTable, Range, load_noise
+from foldcell.robots.baxter.robot import load_model
+from foldcell.robots.model import RobotModel
+from foldcell.robots.ports import Array, JointSetpoint, JointState, Ports, Side, arm_slice
+from foldcell.skills.motion.kinematics.ik import tool_pose
+from foldcell.skills.vocabulary import Outcome
 
 __all__ = ["measure", "scaled_errors"]
 
@@ -82,7 +82,7 @@ def _fold(model: RobotModel, seed: int, scale: float) -> tuple[RunRecord, Array]
     noise = scaled_errors(load_noise(), scale)
     with (
         tempfile.TemporaryDirectory() as folder,
-        patch("cell.simulation.world.load_noise", lambda: noise),
+        patch("foldcell.cell.simulation.world.load_noise", lambda: noise),
         _tools_watched(model) as off,
     ):
         request = FoldRequest(GARMENT, seed, "sim", load_settings(), None, Path(folder), quiet=True, record=False)

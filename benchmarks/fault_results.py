@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.results_page import table
-from cell.campaigns.faults.fault_table import read_fault_table
-from cell.campaigns.statistics.proportions import wilson_interval
-from cell.record.words import interval, plain
+from foldcell.cell.campaigns.faults.fault_table import read_fault_table
+from foldcell.cell.campaigns.statistics.proportions import wilson_interval
+from foldcell.cell.record.words import interval, plain
 
 __all__ = ["FaultRun", "main", "page", "read_runs"]
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from robots.errors import CellError, ConfigurationError
+from foldcell.robots.errors import CellError, ConfigurationError
 
 __all__ = ["command", "read_figures"]
 

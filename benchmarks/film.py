@@ -16,24 +16,24 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.config.cell_settings import load_settings
-from cell.hardware.camera import camera_calibration
-from cell.hardware.driver import OpenCell
-from cell.hardware.robot_model import load_robot
-from cell.report.camera_pictures.live_picture import draw_live
-from cell.report.pictures.film import FilmFrame, encode_film
-from cell.runs.fold_run import FoldRequest, fold_once
-from cell.simulation.camera import camera
-from cell.simulation.camera.display_drawing import DisplayDrawing
-from cell.simulation.camera.render_server import Scene, Shot
-from cell.simulation.truth import Truth
-from cell.states.commands import CommandQueue
-from cell.states.observers import Step
-from cell.states.run_context import Result, RunContext
-from cell.states.transition_table import State
-from cell.support.files.whole_file import write_whole
-from robots.ports import Array, CameraFrame
-from skills.vocabulary import CameraCalibration
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.hardware.camera import camera_calibration
+from foldcell.cell.hardware.driver import OpenCell
+from foldcell.cell.hardware.robot_model import load_robot
+from foldcell.cell.report.camera_pictures.live_picture import draw_live
+from foldcell.cell.report.pictures.film import FilmFrame, encode_film
+from foldcell.cell.runs.fold_run import FoldRequest, fold_once
+from foldcell.cell.simulation.camera import camera
+from foldcell.cell.simulation.camera.display_drawing import DisplayDrawing
+from foldcell.cell.simulation.camera.render_server import Scene, Shot
+from foldcell.cell.simulation.truth import Truth
+from foldcell.cell.states.commands import CommandQueue
+from foldcell.cell.states.observers import Step
+from foldcell.cell.states.run_context import Result, RunContext
+from foldcell.cell.states.transition_table import State
+from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.robots.ports import Array, CameraFrame
+from foldcell.skills.vocabulary import CameraCalibration
 
 __all__ = ["Moment", "RunFilm", "draw", "look_at", "main"]
 

@@ -12,11 +12,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from benchmarks.results_page import causes, origin, table
-from cell.campaigns.statistics.proportions import wilson_interval
-from cell.campaigns.statistics.summary import claims
-from cell.campaigns.trials.store import CampaignFolder
-from cell.campaigns.trials.trial import Trial
-from cell.record.words import interval, plain
+from foldcell.cell.campaigns.statistics.proportions import wilson_interval
+from foldcell.cell.campaigns.statistics.summary import claims
+from foldcell.cell.campaigns.trials.store import CampaignFolder
+from foldcell.cell.campaigns.trials.trial import Trial
+from foldcell.cell.record.words import interval, plain
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "results" / "garments.md"
 NEAR = 0.002

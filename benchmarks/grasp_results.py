@@ -17,11 +17,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.results_page import table
-from cell.campaigns.statistics.proportions import wilson_interval
-from cell.journal.journal import Intent, Journal, performed
-from cell.record.words import interval, plain
-from cell.states.transition_table import Effect
-from robots.errors import FailureKind
+from foldcell.cell.campaigns.statistics.proportions import wilson_interval
+from foldcell.cell.journal.journal import Intent, Journal, performed
+from foldcell.cell.record.words import interval, plain
+from foldcell.cell.states.transition_table import Effect
+from foldcell.robots.errors import FailureKind
 
 __all__ = ["FirstGrasp", "first_grasps", "page", "read_grasps"]
 

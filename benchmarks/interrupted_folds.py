@@ -16,26 +16,26 @@ import numpy as np
 
 from benchmarks.perception.scenes import TABLE, Studio, open_studio
 from benchmarks.shipped_settings import PERCEPTION
-from cell.config.garments.garment_file import load_garment
-from cell.config.trajectory_library.library_file import load_library
-from cell.hardware.camera import nominal_calibration
-from cell.simulation.garment.cloth_body import FRAME_RATE
-from cell.simulation.garment.fabric import garment_uv
-from cell.simulation.garment.garment import WorldGarment
-from cell.simulation.noise import load_noise
-from robots.baxter.camera_mount import MOUNT
-from skills.cloth.mesh import ClothMesh
-from skills.cloth.predict import HANDS, predict_fold, sample_paths
-from skills.fold_plan.crease_mesh import predictor_mesh
-from skills.fold_plan.plan import plan_folds
-from skills.garments.garment import Garment
-from skills.perception.perceive import perceive
-from skills.perception.rectification.camera_refinement import refine_calibration
-from skills.state_estimate.hand_course import HandCourse
-from skills.state_estimate.hypothesis import FoldState
-from skills.trajectory.arcs.paths import LIFT_HEIGHT, lifted, tool_paths
-from skills.trajectory.trajectory_library import lookup, trajectory_from
-from skills.vocabulary import (
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.config.trajectory_library.library_file import load_library
+from foldcell.cell.hardware.camera import nominal_calibration
+from foldcell.cell.simulation.garment.cloth_body import FRAME_RATE
+from foldcell.cell.simulation.garment.fabric import garment_uv
+from foldcell.cell.simulation.garment.garment import WorldGarment
+from foldcell.cell.simulation.noise import load_noise
+from foldcell.robots.baxter.camera_mount import MOUNT
+from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.cloth.predict import HANDS, predict_fold, sample_paths
+from foldcell.skills.fold_plan.crease_mesh import predictor_mesh
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.perception.perceive import perceive
+from foldcell.skills.perception.rectification.camera_refinement import refine_calibration
+from foldcell.skills.state_estimate.hand_course import HandCourse
+from foldcell.skills.state_estimate.hypothesis import FoldState
+from foldcell.skills.trajectory.arcs.paths import LIFT_HEIGHT, lifted, tool_paths
+from foldcell.skills.trajectory.trajectory_library import lookup, trajectory_from
+from foldcell.skills.vocabulary import (
     Array,
     CameraCalibration,
     CameraFrame,

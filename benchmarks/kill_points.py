@@ -32,10 +32,10 @@ import yaml
 from benchmarks.kills.durable_writes import DurableWrite, read_writes
 from benchmarks.kills.outcome import Outcome, Resumed, resume_event
 from benchmarks.results_page import table
-from cell.campaigns.statistics.proportions import wilson_interval
-from cell.journal.journal import Journal
-from cell.support.files.paths import journal_path
-from robots.errors import InternalError
+from foldcell.cell.campaigns.statistics.proportions import wilson_interval
+from foldcell.cell.journal.journal import Journal
+from foldcell.cell.support.files.paths import journal_path
+from foldcell.robots.errors import InternalError
 
 __all__ = ["boundaries", "main", "met", "page"]
 
@@ -94,7 +94,9 @@ class Killer:
             problems += [] if (check := journal.check()) == "ok" else [f"SQLite's check of the journal: {check}"]
             run = journal.run("last")
             entries = journal.entries(run.id)
-        code, figures, said = _foldcell(["cell.commands.main", "resume", "last", "--json", "--logs", str(logs)])
+        code, figures, said = _foldcell(
+            ["foldcell.cell.commands.main", "resume", "last", "--json", "--logs", str(logs)]
+        )
         event = ""
         if figures:
             with Journal.open(journal_path(logs), readonly=True) as journal:

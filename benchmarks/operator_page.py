@@ -36,11 +36,11 @@ from benchmarks.operator.chromium import Chromium, Tab
 from benchmarks.operator.plan_on_screen import drawn_shares, picture_of
 from benchmarks.operator.supervised_run import Run, spinning, unsupervised
 from benchmarks.results_page import Row, table, table_of_rows
-from cell.config.cell_settings import load_settings
-from cell.hardware.camera import camera_calibration
-from cell.journal.checkpoint_file import CHECKPOINT
-from cell.journal.frame_store import FRAMES, FrameStore
-from cell.journal.run_checkpoint import read_checkpoint
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.hardware.camera import camera_calibration
+from foldcell.cell.journal.checkpoint_file import CHECKPOINT
+from foldcell.cell.journal.frame_store import FRAMES, FrameStore
+from foldcell.cell.journal.run_checkpoint import read_checkpoint
 
 __all__ = ["main"]
 

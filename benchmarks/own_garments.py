@@ -24,11 +24,11 @@ from typing import Any
 import cv2
 import numpy as np
 
-from calibration.shear import clip_and_lowest
-from cell.commands.output import print_table
-from cell.config.garments.garment_file import load_garment
-from robots.ports import Array
-from skills.garments.picture_measure import mirror_images
+from foldcell.calibration.shear import clip_and_lowest
+from foldcell.cell.commands.output import print_table
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.robots.ports import Array
+from foldcell.skills.garments.picture_measure import mirror_images
 
 __all__ = ["OWN", "OwnGarment", "main", "own_outline", "photograph"]
 
@@ -135,7 +135,10 @@ def _light(rng: np.random.Generator, shape: tuple[int, int]) -> Array:
 def foldcell(*line: str) -> tuple[int, dict[str, Any], str]:
     """Run a command as a user does. Returns its exit code, its JSON object and what it wrote to standard error."""
     done = subprocess.run(
-        [sys.executable, "-m", "cell.commands.main", *line, "--json"], capture_output=True, text=True, check=False
+        [sys.executable, "-m", "foldcell.cell.commands.main", *line, "--json"],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     last = done.stdout.strip().splitlines()[-1:] or ["{}"]
     return done.returncode, json.loads(last[0]) if last[0].startswith("{") else {}, done.stderr.strip()

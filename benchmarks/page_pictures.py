@@ -22,13 +22,13 @@ import numpy as np
 
 from benchmarks.operator.chromium import Chromium, Tab
 from benchmarks.photographs.photograph import draw
-from cell.config.cell_settings import load_settings
-from cell.hardware.driver import OpenCell
-from cell.runs import run_observers
-from cell.runs.fold_run import FoldRequest, fold_once
-from cell.simulation import Fault, FaultKind
-from cell.states.commands import CommandQueue
-from robots.ports import Side
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.hardware.driver import OpenCell
+from foldcell.cell.runs import run_observers
+from foldcell.cell.runs.fold_run import FoldRequest, fold_once
+from foldcell.cell.simulation import Fault, FaultKind
+from foldcell.cell.states.commands import CommandQueue
+from foldcell.robots.ports import Side
 
 FOLDER = Path(__file__).parents[1] / "docs" / "pictures"
 GARMENT, SEED = "small_towel", 5
@@ -88,7 +88,16 @@ def _edited() -> Iterator[str]:
     """Edit the key points of a drawn photograph. Yields the address of the page."""
     with tempfile.TemporaryDirectory() as folder:
         cv2.imwrite(str(Path(folder, "my_shirt.png")), draw(PHOTOGRAPH).picture[..., ::-1])
-        command = [sys.executable, "-m", "cell.commands.main", "garment", "new", "my_shirt.png", "--edit", *LIKE]
+        command = [
+            sys.executable,
+            "-m",
+            "foldcell.cell.commands.main",
+            "garment",
+            "new",
+            "my_shirt.png",
+            "--edit",
+            *LIKE,
+        ]
         with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=folder, text=True) as process:
             assert process.stdout is not None
             yield process.stdout.readline().split()[1]

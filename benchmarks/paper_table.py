@@ -15,14 +15,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.results_page import causes, origin, table
-from cell.campaigns.statistics.proportions import wilson_interval
-from cell.campaigns.statistics.summary import claims
-from cell.campaigns.trials.campaign import read_campaign
-from cell.campaigns.trials.store import CampaignFolder
-from cell.campaigns.trials.trial import Trial
-from cell.commands.run.perform import new_campaign, perform
-from cell.config.cell_settings import load_settings
-from cell.record.words import interval, plain
+from foldcell.cell.campaigns.statistics.proportions import wilson_interval
+from foldcell.cell.campaigns.statistics.summary import claims
+from foldcell.cell.campaigns.trials.campaign import read_campaign
+from foldcell.cell.campaigns.trials.store import CampaignFolder
+from foldcell.cell.campaigns.trials.trial import Trial
+from foldcell.cell.commands.run.perform import new_campaign, perform
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.record.words import interval, plain
 
 ROOT = Path(__file__).resolve().parents[1]
 CAMPAIGN = ROOT / "benchmarks" / "campaigns" / "paper.yaml"

@@ -7,9 +7,9 @@ import sys
 import tempfile
 from pathlib import Path
 
-from cell.config.cell_settings import load_settings
-from cell.runs.fold_run import FoldRequest, fold_once
-from cell.view.viewing.screenshot import screenshot
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.runs.fold_run import FoldRequest, fold_once
+from foldcell.cell.view.viewing.screenshot import screenshot
 
 FOLDER = Path(__file__).parents[1] / "docs" / "pictures"
 GARMENT, SEED = "medium_towel", 4

@@ -64,14 +64,14 @@ class _Commands:
 
 def record(script: Path, folder: Path, tell: Callable[[str], None] = print) -> None:
     """Perform a script in the simulated cell and write its record into `folder`."""
-    from cell.campaigns.hil.director import Director
-    from cell.campaigns.hil.script import read_script
-    from cell.config.cell_settings import load_settings
-    from cell.hardware.robot_model import load_robot
-    from cell.journal.journal import Journal
-    from cell.runs.fold_run import fold_once
-    from cell.states.fold_request import FoldRequest
-    from cell.support.files.paths import journal_path
+    from foldcell.cell.campaigns.hil.director import Director
+    from foldcell.cell.campaigns.hil.script import read_script
+    from foldcell.cell.config.cell_settings import load_settings
+    from foldcell.cell.hardware.robot_model import load_robot
+    from foldcell.cell.journal.journal import Journal
+    from foldcell.cell.runs.fold_run import fold_once
+    from foldcell.cell.states.fold_request import FoldRequest
+    from foldcell.cell.support.files.paths import journal_path
 
     own, commands = read_script(script), _Commands()
     settings = load_settings(None)

@@ -25,7 +25,7 @@ from pathlib import Path, PurePath
 __all__ = ["build_packages", "changelog_problems", "main", "tag_problems", "try_wheel", "wheel_problems"]
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGES = ("foldcell", "cell", "skills", "robots", "calibration")
+PACKAGES = ("cell", "skills", "robots", "calibration")
 LARGEST_WHEEL = 3_000_000
 """[bytes]"""
 MAY_WRITE = (PurePath(".cache"), PurePath(".local/share/foldcell"))
@@ -88,7 +88,9 @@ def build_packages(tree: Path, out: Path, *options: str) -> list[str]:
 
 def wheel_problems(wheel: Path, tree: Path) -> list[str]:
     """A wheel holds all files of the packages, the licence and the notice, and nothing else."""
-    due = {str(path.relative_to(tree)) for name in PACKAGES for path in (tree / name).rglob("*") if path.is_file()}
+    due = {str(path.relative_to(tree)) for path in (tree / "foldcell").iterdir() if path.is_file()}
+    within = (path for name in PACKAGES for path in (tree / name).rglob("*") if path.is_file())
+    due |= {f"foldcell/{path.relative_to(tree)}" for path in within}
     with zipfile.ZipFile(wheel) as archive:
         names = {name for name in archive.namelist() if not name.endswith("/")}
     held = {name for name in names if ".dist-info/" not in name}

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from cell.campaigns.trials.store import BegunCampaign
-from cell.campaigns.trials.trial import Trial
-from cell.record.words import plain as in_words
+from foldcell.cell.campaigns.trials.store import BegunCampaign
+from foldcell.cell.campaigns.trials.trial import Trial
+from foldcell.cell.record.words import plain as in_words
 
 __all__ = ["Row", "causes", "origin", "plain", "table", "table_of_rows"]
 

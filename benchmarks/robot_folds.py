@@ -14,11 +14,11 @@ from collections import Counter
 import numpy as np
 
 from benchmarks.motion.workload import tasks
-from cell.commands.output import print_table
-from cell.config.cell_settings import load_settings
-from robots.registry import find_robot
-from skills.motion.moves.fold import plan_fold_motion
-from skills.motion.validation.collision import CollisionChecker
+from foldcell.cell.commands.output import print_table
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.robots.registry import find_robot
+from foldcell.skills.motion.moves.fold import plan_fold_motion
+from foldcell.skills.motion.validation.collision import CollisionChecker
 
 
 def main() -> int:

@@ -23,20 +23,20 @@ import cv2
 import numpy as np
 
 from benchmarks.results_page import table
-from cell.config.garments.garment_file import list_garments, load_garment
-from cell.simulation.garment.garment import WorldGarment
-from cell.simulation.noise import load_noise
-from cell.simulation.scoring.ideal import ideal_of
-from cell.simulation.truth import GarmentTruth
-from skills.fold_figures.fold_figures import CREASE_MARGIN
-from skills.fold_figures.folded_mesh import fold_mesh
-from skills.fold_figures.table_raster import PIXEL, TableRaster
-from skills.fold_plan.folding import fold_xy
-from skills.fold_plan.plan import ways_to_fold
-from skills.scoring.alignment import FinalGarment
-from skills.scoring.score import named_edge_pairs, score
-from skills.scoring.verdict import IdealHeights, Score
-from skills.vocabulary import Array, FoldLine
+from foldcell.cell.config.garments.garment_file import list_garments, load_garment
+from foldcell.cell.simulation.garment.garment import WorldGarment
+from foldcell.cell.simulation.noise import load_noise
+from foldcell.cell.simulation.scoring.ideal import ideal_of
+from foldcell.cell.simulation.truth import GarmentTruth
+from foldcell.skills.fold_figures.fold_figures import CREASE_MARGIN
+from foldcell.skills.fold_figures.folded_mesh import fold_mesh
+from foldcell.skills.fold_figures.table_raster import PIXEL, TableRaster
+from foldcell.skills.fold_plan.folding import fold_xy
+from foldcell.skills.fold_plan.plan import ways_to_fold
+from foldcell.skills.scoring.alignment import FinalGarment
+from foldcell.skills.scoring.score import named_edge_pairs, score
+from foldcell.skills.scoring.verdict import IdealHeights, Score
+from foldcell.skills.vocabulary import Array, FoldLine
 
 __all__ = [
     "KINDS",

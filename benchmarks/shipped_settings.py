@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cell.config.cell_settings import load_settings
+from foldcell.cell.config.cell_settings import load_settings
 
 __all__ = ["INSPECTION", "PERCEPTION"]
 

@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from benchmarks.results_page import table
-from cell.campaigns.trials.store import commit, cpu_model
+from foldcell.cell.campaigns.trials.store import commit, cpu_model
 
 __all__ = ["PARTS", "Part", "Timing", "main", "measure"]
 
@@ -41,7 +41,7 @@ class Part:
 
 
 def _foldcell(line: str, fresh: bool = False) -> Part:
-    return Part(f"foldcell {line}", (sys.executable, "-m", "cell.commands.main", *line.split()), fresh)
+    return Part(f"foldcell {line}", (sys.executable, "-m", "foldcell.cell.commands.main", *line.split()), fresh)
 
 
 PARTS: Mapping[str, Part] = {

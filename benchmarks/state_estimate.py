@@ -23,12 +23,12 @@ from benchmarks.interrupted_folds import WorldFold, open_fold, shoved
 from benchmarks.perception.scenes import TABLE
 from benchmarks.results_page import table
 from benchmarks.shipped_settings import PERCEPTION
-from skills.state_estimate.estimate import StateEstimate, estimate_state
-from skills.state_estimate.hand_course import HandCourse
-from skills.state_estimate.hypothesis import FoldState, Interruption
-from skills.state_estimate.interrupted_fold import simulate_interruptions
-from skills.state_estimate.observation import observe
-from skills.vocabulary import Array, CameraFrame
+from foldcell.skills.state_estimate.estimate import StateEstimate, estimate_state
+from foldcell.skills.state_estimate.hand_course import HandCourse
+from foldcell.skills.state_estimate.hypothesis import FoldState, Interruption
+from foldcell.skills.state_estimate.interrupted_fold import simulate_interruptions
+from foldcell.skills.state_estimate.observation import observe
+from foldcell.skills.vocabulary import Array, CameraFrame
 
 __all__ = ["Case", "cases", "estimate"]
 

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array, frozen
+from foldcell.robots.ports import Array, frozen
 
 __all__ = ["BOARD", "DICTIONARY", "Board", "BoardView", "draw_view", "find_board"]
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.board import BOARD, DICTIONARY
+from foldcell.calibration.board import BOARD, DICTIONARY
 
 __all__ = ["PAGE", "PIXELS_PER_MM", "RULER_MM", "draw_sheet"]
 

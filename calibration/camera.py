@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from calibration.board import BOARD, BoardView, draw_view, find_board
-from calibration.effects import Procedure, bring, look, note
-from robots.errors import ConfigurationError
-from robots.ports import BoardPlace, Intrinsics
-from skills.vocabulary import Failure, FailureKind, Outcome
+from foldcell.calibration.board import BOARD, BoardView, draw_view, find_board
+from foldcell.calibration.effects import Procedure, bring, look, note
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.ports import BoardPlace, Intrinsics
+from foldcell.skills.vocabulary import Failure, FailureKind, Outcome
 
 __all__ = ["IntrinsicsCalibration", "calibrate_camera", "check_views", "fit_intrinsics"]
 

@@ -23,14 +23,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from robots.errors import ConfigurationError
-from robots.ports import Array, frozen
-from skills.cloth.crease_set import largest_crease_set
-from skills.cloth.elasticity import GRAVITY
-from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.cloth.settings import CREASE_TIME, SolverSettings
-from skills.cloth.solver import Capsules, ClothSimulation
-from skills.vocabulary import Material
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.ports import Array, frozen
+from foldcell.skills.cloth.crease_set import largest_crease_set
+from foldcell.skills.cloth.elasticity import GRAVITY
+from foldcell.skills.cloth.mesh import ClothMesh, mesh_from_contour
+from foldcell.skills.cloth.settings import CREASE_TIME, SolverSettings
+from foldcell.skills.cloth.solver import Capsules, ClothSimulation
+from foldcell.skills.vocabulary import Material
 
 __all__ = [
     "CreaseCalibration",

@@ -15,9 +15,9 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.errors import FailureKind
-from robots.ports import Array, BoardPlace, CameraFrame, Side, TactileReading
-from skills.vocabulary import Outcome
+from foldcell.robots.errors import FailureKind
+from foldcell.robots.ports import Array, BoardPlace, CameraFrame, Side, TactileReading
+from foldcell.skills.vocabulary import Outcome
 
 __all__ = [
     "ANSWERABLE",

@@ -23,11 +23,11 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from robots.errors import ConfigurationError
-from robots.ports import Array, frozen
-from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.fold_plan.ideal_fold import ideal_folds
-from skills.vocabulary import FoldLine, Material
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.ports import Array, frozen
+from foldcell.skills.cloth.mesh import ClothMesh, mesh_from_contour
+from foldcell.skills.fold_plan.ideal_fold import ideal_folds
+from foldcell.skills.vocabulary import FoldLine, Material
 
 __all__ = ["FreeFold", "bending_length_of_fold", "calibrate_free_fold", "elastica_height", "free_fold"]
 

@@ -14,13 +14,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robots.errors import ConfigurationError
-from robots.ports import Array, frozen
-from skills.cloth.elasticity import GRAVITY
-from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.cloth.settings import SolverSettings
-from skills.cloth.solver import ClothSimulation
-from skills.vocabulary import Material
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.ports import Array, frozen
+from foldcell.skills.cloth.elasticity import GRAVITY
+from foldcell.skills.cloth.mesh import ClothMesh, mesh_from_contour
+from foldcell.skills.cloth.settings import SolverSettings
+from foldcell.skills.cloth.solver import ClothSimulation
+from foldcell.skills.vocabulary import Material
 
 __all__ = ["FrictionCalibration", "calibrate_friction", "friction_angle", "tilted"]
 

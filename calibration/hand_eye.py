@@ -20,13 +20,13 @@ import numpy as np
 import pinocchio as pin
 from scipy.optimize import least_squares
 
-from calibration.board import BOARD, BoardView, draw_view, find_board
-from calibration.effects import Procedure, bring, grip, look, note, reach
-from robots.errors import ConfigurationError
-from robots.model import RobotModel
-from robots.ports import Array, BoardPlace, Intrinsics, Side, arm_slice, frozen
-from skills.motion.kinematics.ik import tool_pose
-from skills.vocabulary import CameraCalibration, Failure, FailureKind, Outcome, Table
+from foldcell.calibration.board import BOARD, BoardView, draw_view, find_board
+from foldcell.calibration.effects import Procedure, bring, grip, look, note, reach
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.model import RobotModel
+from foldcell.robots.ports import Array, BoardPlace, Intrinsics, Side, arm_slice, frozen
+from foldcell.skills.motion.kinematics.ik import tool_pose
+from foldcell.skills.vocabulary import CameraCalibration, Failure, FailureKind, Outcome, Table
 
 __all__ = [
     "HandEyeCalibration",

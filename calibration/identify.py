@@ -26,11 +26,11 @@ import shapely
 from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
-from robots.ports import Array
-from skills.cloth.mesh import ClothMesh
-from skills.cloth.pinch import PadGeometry
-from skills.cloth.predict import predict_fold
-from skills.vocabulary import GraspId, Material, ToolPath
+from foldcell.robots.ports import Array
+from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.cloth.pinch import PadGeometry
+from foldcell.skills.cloth.predict import predict_fold
+from foldcell.skills.vocabulary import GraspId, Material, ToolPath
 
 __all__ = [
     "FRICTIONS",

@@ -26,12 +26,12 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from robots.errors import ConfigurationError
-from robots.ports import Array, frozen
-from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.cloth.settings import SolverSettings
-from skills.cloth.solver import ClothSimulation
-from skills.vocabulary import REFERENCE_DROP, Material
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.ports import Array, frozen
+from foldcell.skills.cloth.mesh import ClothMesh, mesh_from_contour
+from foldcell.skills.cloth.settings import SolverSettings
+from foldcell.skills.cloth.solver import ClothSimulation
+from foldcell.skills.vocabulary import REFERENCE_DROP, Material
 
 __all__ = [
     "WIDEST_CLIP",

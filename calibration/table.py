@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.effects import Procedure, TouchReadings, note, touch
-from robots.errors import ConfigurationError
-from robots.ports import Array, Side
-from skills.vocabulary import Failure, FailureKind, Outcome, Table
+from foldcell.calibration.effects import Procedure, TouchReadings, note, touch
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.ports import Array, Side
+from foldcell.skills.vocabulary import Failure, FailureKind, Outcome, Table
 
 __all__ = [
     "MOST_POINTS",

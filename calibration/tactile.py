@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.effects import Procedure, TouchReadings, listen, note, touch
-from calibration.table import contact_height, on_table
-from robots.ports import Array, Side, TactileReading
-from skills.grasping.confirm import CONFIRM_READINGS
-from skills.grasping.descend import CONTACT_READINGS
-from skills.grasping.tare import TARE_READINGS
-from skills.vocabulary import Failure, FailureKind, Outcome, Table
+from foldcell.calibration.effects import Procedure, TouchReadings, listen, note, touch
+from foldcell.calibration.table import contact_height, on_table
+from foldcell.robots.ports import Array, Side, TactileReading
+from foldcell.skills.grasping.confirm import CONFIRM_READINGS
+from foldcell.skills.grasping.descend import CONTACT_READINGS
+from foldcell.skills.grasping.tare import TARE_READINGS
+from foldcell.skills.vocabulary import Failure, FailureKind, Outcome, Table
 
 __all__ = [
     "FingerFigures",

@@ -15,11 +15,11 @@ from foldcell.garments import new_garment
 from foldcell.loading import Run, load_run
 from foldcell.optimising import OptimisedFold, optimise
 from foldcell.perceiving import PerceivedGarment, perceive
-from robots.errors import CellError, ConfigurationError, Failure, StorageError
+from foldcell.robots.errors import CellError, ConfigurationError, Failure, StorageError
 
 if TYPE_CHECKING:
-    from cell.record.run_record import FoldRecord, GraspRecord, RunRecord
-    from cell.transcript.set_points import SetPoints
+    from foldcell.cell.record.run_record import FoldRecord, GraspRecord, RunRecord
+    from foldcell.cell.transcript.set_points import SetPoints
 
 __all__ = [
     "CellError",
@@ -45,11 +45,11 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     """Import the cell's result types when they are first used."""
     if name in {"FoldRecord", "GraspRecord", "RunRecord"}:
-        from cell.record import run_record
+        from foldcell.cell.record import run_record
 
         return getattr(run_record, name)
     if name == "SetPoints":
-        from cell.transcript.set_points import SetPoints
+        from foldcell.cell.transcript.set_points import SetPoints
 
         return SetPoints
     raise AttributeError(f"module 'foldcell' has no attribute '{name}'")

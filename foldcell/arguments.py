@@ -12,7 +12,7 @@ from functools import wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
-from robots.errors import ConfigurationError
+from foldcell.robots.errors import ConfigurationError
 
 __all__ = ["flag", "number", "own_numeric_state", "path", "plain", "text", "whole"]
 
@@ -69,7 +69,7 @@ def flag(value: object, name: str) -> bool:
 
 def text(value: object, name: str) -> str:
     """Return a text that can be written as UTF-8."""
-    from cell.support.files.names import checked_name
+    from foldcell.cell.support.files.names import checked_name
 
     if not isinstance(value, str):
         raise ConfigurationError(f"{name}: {value!r} is no text", "give a str")

@@ -11,7 +11,7 @@ from foldcell.arguments import flag, own_numeric_state, path, text, whole
 from foldcell.settings import Settings, cell_settings
 
 if TYPE_CHECKING:
-    from cell.record.run_record import RunRecord
+    from foldcell.cell.record.run_record import RunRecord
 
 __all__ = ["fold"]
 
@@ -48,11 +48,11 @@ def fold(
 
     A process performs one run at a time. Raises ConfigurationError and StorageError before anything moves.
     """
-    from cell.config.garments.garment_file import load_garment
-    from cell.runs.fold_run import fold_once
-    from cell.states.fold_request import FoldRequest
-    from cell.support.files.paths import logs_directory, prepare_logs
-    from robots.errors import ConfigurationError
+    from foldcell.cell.config.garments.garment_file import load_garment
+    from foldcell.cell.runs.fold_run import fold_once
+    from foldcell.cell.states.fold_request import FoldRequest
+    from foldcell.cell.support.files.paths import logs_directory, prepare_logs
+    from foldcell.robots.errors import ConfigurationError
 
     seed = whole(seed, "seed")
     if not 0 <= seed <= LARGEST_SEED:

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from foldcell.arguments import number, own_numeric_state, path, plain, text
+from foldcell.robots.errors import ConfigurationError
 from foldcell.settings import Settings, cell_settings
-from robots.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from foldcell.perceiving import PerceivedGarment
@@ -38,10 +38,10 @@ def new_garment(
     """
     import numpy as np
 
-    from cell.config.garments.garment_file import load_garment
-    from cell.hardware.placement import write_own_garment
+    from foldcell.cell.config.garments.garment_file import load_garment
+    from foldcell.cell.hardware.placement import write_own_garment
     from foldcell.perceiving import PerceivedGarment
-    from skills.garments.picture_measure import as_laid
+    from foldcell.skills.garments.picture_measure import as_laid
 
     if not isinstance(seen, PerceivedGarment):
         raise ConfigurationError(f"seen: is a {type(seen).__name__}", "give what foldcell.perceive returned")

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 from foldcell.arguments import own_numeric_state, path
 
 if TYPE_CHECKING:
-    from cell.journal.journal import Entry, Intent
-    from cell.record.run_record import FoldRecord, RunRecord
-    from cell.transcript.set_points import SetPoints
-    from cell.transcript.transcript import Transcript
-    from robots.ports import Array
+    from foldcell.cell.journal.journal import Entry, Intent
+    from foldcell.cell.record.run_record import FoldRecord, RunRecord
+    from foldcell.cell.transcript.set_points import SetPoints
+    from foldcell.cell.transcript.transcript import Transcript
+    from foldcell.robots.ports import Array
 
 __all__ = ["Run", "load_run"]
 
@@ -55,10 +55,10 @@ class Run:
     def set_points(self) -> SetPoints | None:
         """The set-points sent to the arms, read from the transcript; None for a run without a transcript.
 
-        `cell.transcript.set_points.SetPoints` documents the arrays' shapes and units. Raises
+        `foldcell.cell.transcript.set_points.SetPoints` documents the arrays' shapes and units. Raises
         StorageError if the transcript is damaged or of another version.
         """
-        from cell.transcript.set_points import read_set_points
+        from foldcell.cell.transcript.set_points import read_set_points
 
         transcript = self._transcript()
         return read_set_points(transcript) if transcript else None
@@ -67,13 +67,13 @@ class Run:
     def grips(self) -> Mapping[str, Array] | None:
         """The grip forces that the pads measured: 'left' and 'right' -> (k, 2), rows of time [s] and force [N];
         None for a run without a transcript. Raises as `set_points`."""
-        from cell.transcript.grip_readings import read_grips
+        from foldcell.cell.transcript.grip_readings import read_grips
 
         transcript = self._transcript()
         return read_grips(transcript) if transcript else None
 
     def _transcript(self) -> Transcript | None:
-        from cell.transcript.transcript import TRANSCRIPT, Transcript
+        from foldcell.cell.transcript.transcript import TRANSCRIPT, Transcript
 
         file = self.folder / TRANSCRIPT
         return Transcript(file) if file.is_file() else None
@@ -83,10 +83,10 @@ class Run:
         """The set-points of the arms in the layout of a trajectory_msgs/JointTrajectory of ROS, with the joint
         names of the run's robot; None for a run without set-points. Raises as `set_points`, and
         ConfigurationError if the run's robot is no longer installed."""
-        from cell.config.cell_settings import load_settings
-        from cell.hardware.robot_model import load_robot
-        from cell.runs.request_file import SETTINGS
-        from skills.trajectory.export.ros_messages import joint_trajectory
+        from foldcell.cell.config.cell_settings import load_settings
+        from foldcell.cell.hardware.robot_model import load_robot
+        from foldcell.cell.runs.request_file import SETTINGS
+        from foldcell.skills.trajectory.export.ros_messages import joint_trajectory
 
         sent = self.set_points()
         if sent is None or not len(sent.t):
@@ -103,10 +103,10 @@ def load_run(run: str | Path, logs: str | Path | None = None) -> Run:
     Raises ConfigurationError if the run does not exist or has not ended, StorageError if the journal cannot be
     read.
     """
-    from cell.journal.journal import Journal, performed
-    from cell.record.run_record import record_of
-    from cell.support.files.paths import journal_path, logs_directory
-    from robots.errors import ConfigurationError
+    from foldcell.cell.journal.journal import Journal, performed
+    from foldcell.cell.record.run_record import record_of
+    from foldcell.cell.support.files.paths import journal_path, logs_directory
+    from foldcell.robots.errors import ConfigurationError
 
     wanted = path(run, "run")
     named = None if logs is None else path(logs, "logs")

@@ -11,9 +11,9 @@ from foldcell.arguments import own_numeric_state, path, text, whole
 from foldcell.settings import Settings, cell_settings
 
 if TYPE_CHECKING:
-    from cell.planning.plan_optimisation import StepOptimisation
-    from robots.errors import Failure
-    from robots.ports import Array
+    from foldcell.cell.planning.plan_optimisation import StepOptimisation
+    from foldcell.robots.errors import Failure
+    from foldcell.robots.ports import Array
 
 __all__ = ["OptimisedFold", "optimise"]
 
@@ -67,9 +67,9 @@ def optimise(
 
     Raises ConfigurationError for an invalid argument or file.
     """
-    from cell.config.garments.garment_file import load_garment
-    from cell.planning.plan_optimisation import optimise_plan
-    from robots.errors import ConfigurationError
+    from foldcell.cell.config.garments.garment_file import load_garment
+    from foldcell.cell.planning.plan_optimisation import optimise_plan
+    from foldcell.robots.errors import ConfigurationError
 
     step = None if step is None else whole(step, "step")
     budget = None if budget is None else whole(budget, "budget")
@@ -83,7 +83,7 @@ def optimise(
 
 
 def _plain(garment: str, fold: StepOptimisation, lift: float) -> OptimisedFold:
-    from skills.trajectory.export.tool_poses import pose_rows
+    from foldcell.skills.trajectory.export.tool_poses import pose_rows
 
     found, notes = fold.outcome.value, fold.outcome.notes
     return OptimisedFold(

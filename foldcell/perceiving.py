@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, Union
 
 from foldcell.arguments import own_numeric_state, path, text
+from foldcell.robots.errors import ConfigurationError, Failure
 from foldcell.settings import Settings, cell_settings
-from robots.errors import ConfigurationError, Failure
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from cell.hardware.photograph import Photograph
-    from robots.ports import Array
+    from foldcell.cell.hardware.photograph import Photograph
+    from foldcell.robots.ports import Array
 
 __all__ = ["Image", "PerceivedGarment", "perceive"]
 
@@ -72,7 +72,7 @@ def perceive(
     """
     import numpy as np
 
-    from cell.hardware.photograph import in_unit, perceive_photograph
+    from foldcell.cell.hardware.photograph import in_unit, perceive_photograph
 
     unit = text(unit, "unit")
     if unit not in ("m", "px"):
@@ -110,8 +110,8 @@ def perceive(
 def _photograph(rgb: Image, depth: Image | None, name: str, depth_name: str) -> Photograph:
     """Make a `Photograph` from arrays or files. name, depth_name: names of the arguments, for messages about
     arrays."""
-    from cell.hardware.photograph import Photograph
-    from cell.support.files.picture_file import read_depth, read_picture
+    from foldcell.cell.hardware.photograph import Photograph
+    from foldcell.cell.support.files.picture_file import read_depth, read_picture
 
     if isinstance(rgb, str | os.PathLike):
         file = path(rgb, name)
@@ -138,7 +138,7 @@ def _colours(rgb: NDArray[Any], name: str) -> NDArray[Any]:
 
 
 def _metres(depth: NDArray[Any], name: str) -> NDArray[Any]:
-    from cell.support.files.picture_file import known_depth
+    from foldcell.cell.support.files.picture_file import known_depth
 
     _check_array(depth, name)
     if depth.ndim != 2 or depth.dtype.kind != "f":

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, Union
 from foldcell.arguments import path, plain
 
 if TYPE_CHECKING:
-    from cell.config.cell_settings import CellSettings
+    from foldcell.cell.config.cell_settings import CellSettings
 
 __all__ = ["Settings", "cell_settings"]
 
@@ -23,7 +23,7 @@ def cell_settings(given: Settings) -> CellSettings:
 
     Raises ConfigurationError for an unreadable file, an unknown key or a value out of range.
     """
-    from cell.config.cell_settings import CellSettings, load_settings, overlaid
+    from foldcell.cell.config.cell_settings import CellSettings, load_settings, overlaid
 
     if given is None:
         return load_settings()

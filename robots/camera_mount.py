@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robots.ports import Array, Intrinsics
+from foldcell.robots.ports import Array, Intrinsics
 
 __all__ = ["XTION", "CameraMount", "look_at"]
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import frozen
+from foldcell.robots.ports import frozen
 
 __all__ = ["EVERY_S", "EXPOSURES", "mean_depth"]
 

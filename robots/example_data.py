@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
-from robots.errors import ConfigurationError
+from foldcell.robots.errors import ConfigurationError
 
 __all__ = ["package_root", "read_description"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from robots.ports import Side
+from foldcell.robots.ports import Side
 
 __all__ = ["GripperGeometry"]
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from robots.errors import ConfigurationError
-from robots.ports import Array, Side, arm_slice, frozen
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.ports import Array, Side, arm_slice, frozen
 
 __all__ = ["ArmChain", "JointLimits", "RobotModel", "arm_chain"]
 
@@ -73,7 +73,7 @@ class ArmChain:
 @dataclass(frozen=True, eq=False)
 class RobotModel:
     """The description of a robot that the skills use. Joint vectors have the order left arm, right arm
-    (robots.ports).
+    (foldcell.robots.ports).
 
     pin_model: the whole robot, including other joints. collision_model: its geometry with the pairs to check.
     joint_index: (joints,) index of each arm joint in a configuration of pin_model. q_rest: (nq,) assumed positions

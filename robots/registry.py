@@ -5,7 +5,7 @@ A folder with a module `robot.py` is a robot of the folder's name. A package add
     [project.entry-points."foldcell.robots"]
     my_robot = "my_package.robot:ROBOT"
 
-In both cases ROBOT is a `robots.robot.Robot`. Nothing is imported before a robot is asked for.
+In both cases ROBOT is a `foldcell.robots.robot.Robot`. Nothing is imported before a robot is asked for.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from collections.abc import Callable, Iterable
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 
-import robots
-from robots.errors import ConfigurationError
-from robots.robot import Robot
+from foldcell import robots
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.robot import Robot
 
 __all__ = ["DEFAULT", "GROUP", "find_robot", "list_robots"]
 
@@ -72,7 +72,7 @@ def _known() -> dict[str, list[EntryPoint]]:
 def _built_in(path: tuple[str, ...]) -> tuple[EntryPoint, ...]:
     """Return the robots whose folders are on `path`."""
     return tuple(
-        EntryPoint(info.name, f"robots.{info.name}.robot:ROBOT", GROUP)
+        EntryPoint(info.name, f"foldcell.robots.{info.name}.robot:ROBOT", GROUP)
         for info in pkgutil.iter_modules(path)
         if info.ispkg and any(m.name == "robot" for m in pkgutil.iter_modules([f"{p}/{info.name}" for p in path]))
     )
@@ -99,7 +99,7 @@ def _load(entry: EntryPoint) -> Robot:
         what = f"a robot named '{robot.name}'" if isinstance(robot, Robot) else f"a {type(robot).__name__}"
         raise ConfigurationError(
             f"the entry point '{entry.name}' ({entry.value}) is {what}, not a robot of this name",
-            "it has to name a robots.robot.Robot whose name is that of the entry point",
+            "it has to name a foldcell.robots.robot.Robot whose name is that of the entry point",
             robot=entry.name,
         )
     return robot

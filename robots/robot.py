@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from robots.camera_mount import CameraMount
-from robots.gripper_geometry import GripperGeometry
-from robots.ports import Array, Side
-from robots.ros.driver import RosDriver
+from foldcell.robots.camera_mount import CameraMount
+from foldcell.robots.gripper_geometry import GripperGeometry
+from foldcell.robots.ports import Array, Side
+from foldcell.robots.ros.driver import RosDriver
 
 if TYPE_CHECKING:
-    from robots.model import RobotModel  # which loads Pinocchio
+    from foldcell.robots.model import RobotModel  # which loads Pinocchio
 
 __all__ = ["Robot", "RobotVisual", "SimulatedBody", "Simulation"]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from robots.model import JointLimits
-from robots.ports import Array, JointSetpoint, frozen
+from foldcell.robots.model import JointLimits
+from foldcell.robots.ports import Array, JointSetpoint, frozen
 
 __all__ = ["JUMP_TIME", "clip_setpoint"]
 

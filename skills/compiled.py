@@ -27,7 +27,7 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache, InTreeCach
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.event import trigger_event
 
-from skills.lean_compilation import lean_compilation
+from foldcell.skills.lean_compilation import lean_compilation
 
 __all__ = ["COMPILER", "WAITING", "FallibleCache", "abandon_compilation", "cached"]
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from robots.ports import Array
+from foldcell.robots.ports import Array
 
 __all__ = ["barycentric", "cross", "lengths_along", "resampled", "rotation"]
 

@@ -15,8 +15,8 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.errors import Failure, FailureKind
-from robots.ports import Array, CameraFrame, Intrinsics, Side, frozen
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.ports import Array, CameraFrame, Intrinsics, Side, frozen
 
 __all__ = [
     "REFERENCE_DROP",
@@ -184,7 +184,7 @@ class Corner:
 class GraspId(StrEnum):
     """Identifier of a grasp of a fold step, the key of its target, arc and tool path. It is named after the
     planned arm. The motion planner chooses the arm that executes it (`Posture.path`), which is a
-    `robots.ports.Side`. The two enumerations compare equal, so only their types tell them apart."""
+    `foldcell.robots.ports.Side`. The two enumerations compare equal, so only their types tell them apart."""
 
     LEFT = "left"
     RIGHT = "right"

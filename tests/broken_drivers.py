@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from cell.support.forwarding import forwarding
-from robots.ports import CameraFrame, GripperState, JointSetpoint, JointState, Ports, frozen
+from foldcell.cell.support.forwarding import forwarding
+from foldcell.robots.ports import CameraFrame, GripperState, JointSetpoint, JointState, Ports, frozen
 from tests.kinematic_cell import KinematicCell
 
 Break = Callable[[KinematicCell], Ports]

@@ -11,8 +11,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from robots.errors import DriverError, FailureKind
-from robots.ports import (
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.ports import (
     Array,
     BoardPlace,
     CameraFrame,

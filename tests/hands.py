@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from robots.ports import GripperState, Side, TactileReading
-from skills.grasping.hand_reading import HandReading
+from foldcell.robots.ports import GripperState, Side, TactileReading
+from foldcell.skills.grasping.hand_reading import HandReading
 
 RATE = 100.0
 CELL_NOISE, CELL_GAIN, CELL_DRIFT, DRIFT_TIME = 0.01, 0.01, 0.02, 120.0

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skills.perception.inspection.claim import Claim
-from skills.perception.inspection.result import Inspection
-from skills.perception.rectification.table_view import TableView
-from skills.vocabulary import Array
+from foldcell.skills.perception.inspection.claim import Claim
+from foldcell.skills.perception.inspection.result import Inspection
+from foldcell.skills.perception.rectification.table_view import TableView
+from foldcell.skills.vocabulary import Array
 
 __all__ = ["a_claim", "grid_triangles", "inspection", "on_table"]
 

@@ -10,12 +10,12 @@ from typing import Any, cast
 
 import numpy as np
 
-from calibration.board import BOARD
-from cell.hardware.contract.rig import Rig
-from cell.hardware.robot_model import load_robot
-from robots.errors import DriverError, FailureKind
-from robots.model import RobotModel
-from robots.ports import (
+from foldcell.calibration.board import BOARD
+from foldcell.cell.hardware.contract.rig import Rig
+from foldcell.cell.hardware.robot_model import load_robot
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.model import RobotModel
+from foldcell.robots.ports import (
     Array,
     BoardPlace,
     CameraFrame,
@@ -28,10 +28,10 @@ from robots.ports import (
     TactileReading,
     frozen,
 )
-from robots.setpoint import clip_setpoint
-from skills.motion.kinematics.ik import tool_pose
-from skills.motion.validation.collision import CollisionChecker
-from skills.vocabulary import CameraCalibration, Table
+from foldcell.robots.setpoint import clip_setpoint
+from foldcell.skills.motion.kinematics.ik import tool_pose
+from foldcell.skills.motion.validation.collision import CollisionChecker
+from foldcell.skills.vocabulary import CameraCalibration, Table
 
 __all__ = ["KinematicCell", "kinematic_rig"]
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from robots.ros.installation import PACKAGES, find_ros
+from foldcell.robots.ros.installation import PACKAGES, find_ros
 
 __all__ = [
     "ALLOWED_SKIPS",

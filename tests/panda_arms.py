@@ -14,8 +14,8 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from robots.model import JointLimits, RobotModel, arm_chain
-from robots.ports import Array, Side, frozen
+from foldcell.robots.model import JointLimits, RobotModel, arm_chain
+from foldcell.robots.ports import Array, Side, frozen
 
 __all__ = ["load_pandas"]
 

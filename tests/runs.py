@@ -11,22 +11,22 @@ import numpy as np
 import pytest
 import yaml
 
-from cell.config.cell_settings import load_settings
-from cell.config.garments.garment_file import shipped_garment_path
-from cell.executive.effects import EFFECTS
-from cell.hardware.driver import OpenCell
-from cell.hardware.workcell import Workcell
-from cell.journal.journal import Journal
-from cell.record.run_record import RunRecord
-from cell.runs.checkpoint_writer import Interrupted
-from cell.runs.decide_again import Verdict, decide_again
-from cell.runs.fold_run import fold_once
-from cell.simulation import Fault
-from cell.states.commands import CommandQueue
-from cell.states.fold_request import FoldRequest
-from cell.states.run_context import Result, RunContext
-from cell.states.transition_table import Effect, Event
-from robots.ports import Array, JointSetpoint, Ports
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.config.garments.garment_file import shipped_garment_path
+from foldcell.cell.executive.effects import EFFECTS
+from foldcell.cell.hardware.driver import OpenCell
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.journal.journal import Journal
+from foldcell.cell.record.run_record import RunRecord
+from foldcell.cell.runs.checkpoint_writer import Interrupted
+from foldcell.cell.runs.decide_again import Verdict, decide_again
+from foldcell.cell.runs.fold_run import fold_once
+from foldcell.cell.simulation import Fault
+from foldcell.cell.states.commands import CommandQueue
+from foldcell.cell.states.fold_request import FoldRequest
+from foldcell.cell.states.run_context import Result, RunContext
+from foldcell.cell.states.transition_table import Effect, Event
+from foldcell.robots.ports import Array, JointSetpoint, Ports
 
 __all__ = [
     "FEW_PICTURES",
@@ -124,7 +124,9 @@ class Onlooker:
     ) -> RunRecord:
         """Run `fold_once` under observation."""
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("cell.runs.fold_run.EFFECTS", {e: self._watched(e, f) for e, f in EFFECTS.items()})
+            patch.setattr(
+                "foldcell.cell.runs.fold_run.EFFECTS", {e: self._watched(e, f) for e, f in EFFECTS.items()}
+            )
 
             def begin(cell: OpenCell, commands: CommandQueue) -> None:
                 self.cell, self.ports = cell, cell.ports

@@ -14,8 +14,8 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from robots.ports import CameraFrame, Intrinsics
-from skills.vocabulary import CameraCalibration, Table
+from foldcell.robots.ports import CameraFrame, Intrinsics
+from foldcell.skills.vocabulary import CameraCalibration, Table
 
 TABLE = Table(height=-0.10, x=(0.20, 1.05), y=(-0.60, 0.60))
 TOWEL = np.array([[0.20, 0.30], [-0.20, 0.30], [-0.20, -0.30], [0.20, -0.30]])

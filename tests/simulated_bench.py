@@ -6,12 +6,12 @@ from contextlib import ExitStack
 
 import numpy as np
 
-from cell.simulation import SimulationSettings, open_simulated_cell
-from cell.simulation.truth import Truth
-from robots.baxter.robot import load_model
-from robots.ports import Array, Side
-from skills.motion.kinematics.ik import solve_pose
-from skills.vocabulary import tool_rotation
+from foldcell.cell.simulation import SimulationSettings, open_simulated_cell
+from foldcell.cell.simulation.truth import Truth
+from foldcell.robots.baxter.robot import load_model
+from foldcell.robots.ports import Array, Side
+from foldcell.skills.motion.kinematics.ik import solve_pose
+from foldcell.skills.vocabulary import tool_rotation
 
 __all__ = ["BLIND", "DT", "QUIET", "Bench", "corner"]
 

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from robots.model import RobotModel
-from robots.ports import ArmTrajectory, Array, Side
-from skills.vocabulary import Table, ToolPath
+from foldcell.robots.model import RobotModel
+from foldcell.robots.ports import ArmTrajectory, Array, Side
+from foldcell.skills.vocabulary import Table, ToolPath
 
 
 def path_deviation(

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from cell.config.cell_settings import CellSettings, load_settings
-from cell.hardware.assembly import execution_limits
-from cell.hardware.camera import camera_calibration
-from cell.hardware.workcell import Workcell
-from cell.states.commands import CommandQueue
-from cell.view.recorder import Recorder
-from skills.trajectory.trajectory_library import Library
+from foldcell.cell.config.cell_settings import CellSettings, load_settings
+from foldcell.cell.hardware.assembly import execution_limits
+from foldcell.cell.hardware.camera import camera_calibration
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.states.commands import CommandQueue
+from foldcell.cell.view.recorder import Recorder
+from foldcell.skills.trajectory.trajectory_library import Library
 from tests.fakes import FakeCell
 
 __all__ = ["fake_workcell"]

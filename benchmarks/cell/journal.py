@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from cell.journal.journal import Journal
+from foldcell.cell.journal.journal import Journal
 
 __all__ = ["measure"]
 

@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from cell.config.cell_settings import load_settings
-from cell.record.run_record import RunRecord
-from cell.runs.checkpoint_writer import CheckpointWriter
-from cell.runs.fold_run import fold_once
-from cell.states.fold_request import FoldRequest
-from cell.states.observers import Step
-from cell.states.run_context import Result
-from cell.states.transition_table import Effect
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.record.run_record import RunRecord
+from foldcell.cell.runs.checkpoint_writer import CheckpointWriter
+from foldcell.cell.runs.fold_run import fold_once
+from foldcell.cell.states.fold_request import FoldRequest
+from foldcell.cell.states.observers import Step
+from foldcell.cell.states.run_context import Result
+from foldcell.cell.states.transition_table import Effect
 
 __all__ = ["measure"]
 

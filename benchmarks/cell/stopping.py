@@ -15,14 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from cell.config.cell_settings import load_settings
-from cell.hardware.driver import OpenCell
-from cell.runs.fold_run import fold_once
-from cell.simulation.noise import load_noise
-from cell.states.fold_request import FoldRequest
-from robots.baxter.robot import load_model
-from robots.ports import Array, Ports, Side, arm_slice
-from skills.motion.kinematics.ik import tool_pose
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.hardware.driver import OpenCell
+from foldcell.cell.runs.fold_run import fold_once
+from foldcell.cell.simulation.noise import load_noise
+from foldcell.cell.states.fold_request import FoldRequest
+from foldcell.robots.baxter.robot import load_model
+from foldcell.robots.ports import Array, Ports, Side, arm_slice
+from foldcell.skills.motion.kinematics.ik import tool_pose
 
 __all__ = ["measure"]
 

@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.score_matrix import IdealGarment, in_own_frame
-from cell.config.garments.garment_file import load_garment
-from cell.simulation.garment.garment import WorldGarment
-from cell.simulation.scoring.ideal import ideal_of
-from cell.support.files.packing import packed
-from cell.support.files.whole_file import write_whole
-from skills.fold_plan.plan import ways_to_fold
-from skills.scoring.score import named_edge_pairs
-from skills.scoring.verdict import IdealHeights
-from skills.vocabulary import Array
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.simulation.garment.garment import WorldGarment
+from foldcell.cell.simulation.scoring.ideal import ideal_of
+from foldcell.cell.support.files.packing import packed
+from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.skills.fold_plan.plan import ways_to_fold
+from foldcell.skills.scoring.score import named_edge_pairs
+from foldcell.skills.scoring.verdict import IdealHeights
+from foldcell.skills.vocabulary import Array
 
 __all__ = ["IdealFolds", "ideal_folds_of"]
 

@@ -16,8 +16,8 @@ from pathlib import Path
 from benchmarks.claims.ideals import ideal_folds_of
 from benchmarks.claims.stage import Stage, open_stage
 from benchmarks.score_matrix import KINDS, OTHER_KINDS, judged, spoiled
-from cell.states.run_context import RunContext
-from cell.support.files.whole_file import write_whole
+from foldcell.cell.states.run_context import RunContext
+from foldcell.cell.support.files.whole_file import write_whole
 
 __all__ = ["IDEAL", "VARIANTS", "FoldRecord", "recorded"]
 

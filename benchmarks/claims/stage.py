@@ -17,27 +17,27 @@ from pathlib import Path
 
 import numpy as np
 
-from cell.config.cell_settings import CellSettings, ComputingConfig, load_settings
-from cell.executive.effects import EFFECTS
-from cell.executive.effects.inspecting import judge_fold, next_step
-from cell.hardware.assembly import assemble
-from cell.hardware.robot_model import load_robot
-from cell.hardware.workcell import Workcell
-from cell.simulation.ports import ports_of
-from cell.simulation.settings import SimulationSettings
-from cell.simulation.world import World
-from cell.states.commands import CommandQueue
-from cell.states.fold_request import FoldRequest
-from cell.states.recovery_table import Adjustment
-from cell.states.run_context import RunContext
-from cell.states.stages import Attempt
-from cell.states.transition_table import Effect
-from cell.view.recorder import Recorder
-from robots.depth_averaging import EXPOSURES
-from robots.errors import CellError
-from robots.ports import CameraFrame, Ports
-from skills.perception.inspection.inspect import Inspection
-from skills.vocabulary import Array
+from foldcell.cell.config.cell_settings import CellSettings, ComputingConfig, load_settings
+from foldcell.cell.executive.effects import EFFECTS
+from foldcell.cell.executive.effects.inspecting import judge_fold, next_step
+from foldcell.cell.hardware.assembly import assemble
+from foldcell.cell.hardware.robot_model import load_robot
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.simulation.ports import ports_of
+from foldcell.cell.simulation.settings import SimulationSettings
+from foldcell.cell.simulation.world import World
+from foldcell.cell.states.commands import CommandQueue
+from foldcell.cell.states.fold_request import FoldRequest
+from foldcell.cell.states.recovery_table import Adjustment
+from foldcell.cell.states.run_context import RunContext
+from foldcell.cell.states.stages import Attempt
+from foldcell.cell.states.transition_table import Effect
+from foldcell.cell.view.recorder import Recorder
+from foldcell.robots.depth_averaging import EXPOSURES
+from foldcell.robots.errors import CellError
+from foldcell.robots.ports import CameraFrame, Ports
+from foldcell.skills.perception.inspection.inspect import Inspection
+from foldcell.skills.vocabulary import Array
 
 __all__ = ["Stage", "StageError", "judge_shown", "open_executive", "open_stage", "open_world", "planned_attempt"]
 

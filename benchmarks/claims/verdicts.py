@@ -12,11 +12,11 @@ from typing import Any
 from benchmarks.claims.record import IDEAL, FoldRecord
 from benchmarks.claims.stage import StageError, judge_shown, open_executive
 from benchmarks.shipped_settings import INSPECTION
-from cell.executive.effects.inspecting import figures, next_step
-from cell.hardware.workcell import Workcell
-from cell.states.run_context import RunContext
-from robots.ports import Ports, StopState
-from skills.perception.inspection.claim import Claim
+from foldcell.cell.executive.effects.inspecting import figures, next_step
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.states.run_context import RunContext
+from foldcell.robots.ports import Ports, StopState
+from foldcell.skills.perception.inspection.claim import Claim
 
 __all__ = ["Verdict", "caught_by", "verdicts"]
 

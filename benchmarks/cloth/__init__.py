@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from robots.errors import ConfigurationError
+from foldcell.robots.errors import ConfigurationError
 
 __all__ = ["PARTS", "Tell", "measure"]
 
@@ -164,7 +164,7 @@ class _Kept:
             self.parts = parts
 
     def put(self, name: str, figures: dict[str, Any]) -> None:
-        from cell.support.files.whole_file import write_whole
+        from foldcell.cell.support.files.whole_file import write_whole
 
         self.parts[name] = figures
         if self._path is not None:

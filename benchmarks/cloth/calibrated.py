@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 
 from benchmarks.cloth import Tell
-from calibration.friction import calibrate_friction
-from calibration.identify import identify_friction, predict_candidates, silhouette
-from calibration.shear import calibrate_shear, clip_and_lowest, elongations
-from cell.commands.calibrate.paper import PAPER
-from cell.config.garments.garment_file import load_garment
-from skills.cloth.mesh import mesh_from_contour
-from skills.cloth.predict import predict_fold
-from skills.trajectory.arcs.paths import fold_paths
-from skills.vocabulary import GraspId, Material
+from foldcell.calibration.friction import calibrate_friction
+from foldcell.calibration.identify import identify_friction, predict_candidates, silhouette
+from foldcell.calibration.shear import calibrate_shear, clip_and_lowest, elongations
+from foldcell.cell.commands.calibrate.paper import PAPER
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.skills.cloth.mesh import mesh_from_contour
+from foldcell.skills.cloth.predict import predict_fold
+from foldcell.skills.trajectory.arcs.paths import fold_paths
+from foldcell.skills.vocabulary import GraspId, Material
 
 OTHERS = {1: (0.015, 0.030), 2: (0.030,)}
 """Edge lengths [m] of the other meshes on which a garment is calibrated, by its number of layers. Garments of two

@@ -25,14 +25,14 @@ from benchmarks.cloth.scenes import (
     timed,
 )
 from benchmarks.cloth.strain import MOST_STRAIN, EdgeStrains, edge_strains, on_the_line
-from cell.config.garments.garment_file import list_garments, load_garment
-from robots.ports import Array
-from skills.cloth.intersections.crossings import count_crossings
-from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.cloth.settings import SolverSettings
-from skills.cloth.solver import ClothSimulation
-from skills.cloth.strain import TURN, reach
-from skills.vocabulary import Material
+from foldcell.cell.config.garments.garment_file import list_garments, load_garment
+from foldcell.robots.ports import Array
+from foldcell.skills.cloth.intersections.crossings import count_crossings
+from foldcell.skills.cloth.mesh import ClothMesh, mesh_from_contour
+from foldcell.skills.cloth.settings import SolverSettings
+from foldcell.skills.cloth.solver import ClothSimulation
+from foldcell.skills.cloth.strain import TURN, reach
+from foldcell.skills.vocabulary import Material
 
 FRAMES = SolverSettings().frame_rate
 AFTER = round((RELEASE + SETTLE) * FRAMES)

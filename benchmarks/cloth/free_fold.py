@@ -18,12 +18,12 @@ import numpy as np
 
 from benchmarks.attainable_dissimilarity import ideal_fold
 from benchmarks.results_page import table
-from calibration.free_fold import elastica_height
-from skills.cloth.mesh import FineBands, mesh_from_contour
-from skills.cloth.settings import SolverSettings
-from skills.fold_figures.table_raster import TableRaster
-from skills.fold_plan.folding import crease_segments
-from skills.vocabulary import FoldLine, Material, frozen
+from foldcell.calibration.free_fold import elastica_height
+from foldcell.skills.cloth.mesh import FineBands, mesh_from_contour
+from foldcell.skills.cloth.settings import SolverSettings
+from foldcell.skills.fold_figures.table_raster import TableRaster
+from foldcell.skills.fold_plan.folding import crease_segments
+from foldcell.skills.vocabulary import FoldLine, Material, frozen
 
 __all__ = ["crease_height"]
 

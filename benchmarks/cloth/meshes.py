@@ -9,8 +9,8 @@ import numpy as np
 
 from benchmarks.cloth import Tell
 from benchmarks.cloth.physics import EDGES
-from cell.config.garments.garment_file import list_garments, load_garment
-from skills.cloth.mesh import ClothMesh, mesh_from_contour
+from foldcell.cell.config.garments.garment_file import list_garments, load_garment
+from foldcell.skills.cloth.mesh import ClothMesh, mesh_from_contour
 
 
 def smallest_angle(mesh: ClothMesh) -> float:

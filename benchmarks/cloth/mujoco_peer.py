@@ -28,12 +28,12 @@ from benchmarks.cloth.physics import (
     slope,
 )
 from benchmarks.cloth.scenes import MATERIAL, RELEASE, SETTLE, SharedFold, optimised_fold, plain_fold
-from calibration.bending import peirce
-from cell.simulation.garment.mujoco_cloth import MujocoCloth, MujocoSettings
-from robots.ports import Array
-from skills.cloth.elasticity import GRAVITY
-from skills.cloth.mesh import mesh_from_contour
-from skills.cloth.predict import predict_fold, sample_paths
+from foldcell.calibration.bending import peirce
+from foldcell.cell.simulation.garment.mujoco_cloth import MujocoCloth, MujocoSettings
+from foldcell.robots.ports import Array
+from foldcell.skills.cloth.elasticity import GRAVITY
+from foldcell.skills.cloth.mesh import mesh_from_contour
+from foldcell.skills.cloth.predict import predict_fold, sample_paths
 
 Figures = dict[str, Any]
 LAB = MujocoSettings(steps=8, solref=0.005, iterations=50, rest=False, selfcollide=False)

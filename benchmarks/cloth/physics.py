@@ -9,12 +9,12 @@ import numpy as np
 
 from benchmarks.cloth import Tell
 from benchmarks.cloth.scenes import MATERIAL, RELEASE, frames_of, stacked, towel_half, towel_mesh
-from calibration.bending import cantilever
-from robots.ports import Array
-from skills.cloth.elasticity import GRAVITY
-from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.cloth.settings import SolverSettings
-from skills.cloth.solver import ClothSimulation
+from foldcell.calibration.bending import cantilever
+from foldcell.robots.ports import Array
+from foldcell.skills.cloth.elasticity import GRAVITY
+from foldcell.skills.cloth.mesh import ClothMesh, mesh_from_contour
+from foldcell.skills.cloth.settings import SolverSettings
+from foldcell.skills.cloth.solver import ClothSimulation
 
 PATCH = np.array([[-0.15, -0.1], [0.15, -0.1], [0.15, 0.1], [-0.15, 0.1]])
 CREEP_RATIO, SLIDE_RATIOS = 0.98, (1.02, 1.1, 1.5)

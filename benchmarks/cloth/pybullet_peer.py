@@ -17,9 +17,9 @@ import numpy as np
 
 from benchmarks.cloth import Tell
 from benchmarks.cloth.scenes import RELEASE, SETTLE, SharedFold, plain_fold
-from robots.bullet.body import pb
-from robots.ports import Array
-from skills.cloth.elasticity import GRAVITY, membrane_modulus
+from foldcell.robots.bullet.body import pb
+from foldcell.robots.ports import Array
+from foldcell.skills.cloth.elasticity import GRAVITY, membrane_modulus
 
 STEP = 1.0 / 240.0
 SUBSTEPS = (1, 4)

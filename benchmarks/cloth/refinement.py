@@ -21,11 +21,11 @@ from benchmarks.cloth.scenes import (
     towel_mesh,
     towel_quarter,
 )
-from robots.ports import Array
-from skills.cloth.mesh import ClothMesh
-from skills.cloth.predict import predict_fold
-from skills.cloth.settings import SolverSettings, choose_substeps
-from skills.vocabulary import Material
+from foldcell.robots.ports import Array
+from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.cloth.predict import predict_fold
+from foldcell.skills.cloth.settings import SolverSettings, choose_substeps
+from foldcell.skills.vocabulary import Material
 
 SUBSTEPS = (8, 12, 16, 24, 32)
 FINEST = 48

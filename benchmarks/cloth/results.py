@@ -14,7 +14,7 @@ from typing import Any
 
 from benchmarks.figures_file import command, read_figures
 from benchmarks.results_page import Row, plain, table, table_of_rows
-from robots.errors import ConfigurationError
+from foldcell.robots.errors import ConfigurationError
 
 __all__ = ["main", "page"]
 

@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cell.config.garments.garment_file import load_garment
-from robots.ports import Array
-from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.cloth.predict import FoldPrediction, predict_fold, sample_paths
-from skills.cloth.solver import ClothSimulation
-from skills.fold_plan.plan import plan_folds
-from skills.garments.garment import Garment
-from skills.plane import lengths_along
-from skills.vocabulary import GraspId, GraspTrajectory, Material, ToolPath
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.robots.ports import Array
+from foldcell.skills.cloth.mesh import ClothMesh, mesh_from_contour
+from foldcell.skills.cloth.predict import FoldPrediction, predict_fold, sample_paths
+from foldcell.skills.cloth.solver import ClothSimulation
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.plane import lengths_along
+from foldcell.skills.vocabulary import GraspId, GraspTrajectory, Material, ToolPath
 
 MATERIAL = Material(0.4, 0.03, 0.02, 0.003, 0.6, 0.55, 0.5)
 TOWEL = np.array([[-0.3, -0.2], [0.3, -0.2], [0.3, 0.2], [-0.3, 0.2]])
@@ -234,9 +234,9 @@ def plain_fold(friction: float = MATERIAL.friction_static) -> SharedFold:
 def optimised_fold() -> SharedFold:
     """Return the medium towel's first fold along the shipped library's trajectory, which our predictor found."""
     from benchmarks.attainable_dissimilarity import distance_to_target
-    from cell.config.trajectory_library.library_file import load_library
-    from skills.trajectory.arcs.paths import tool_paths
-    from skills.trajectory.trajectory_library import lookup, trajectory_from
+    from foldcell.cell.config.trajectory_library.library_file import load_library
+    from foldcell.skills.trajectory.arcs.paths import tool_paths
+    from foldcell.skills.trajectory.trajectory_library import lookup, trajectory_from
 
     garment = load_garment("medium_towel")
     state = garment.flat_state(*garment.poses.middle)

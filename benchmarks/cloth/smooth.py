@@ -21,10 +21,10 @@ from benchmarks.cloth.scenes import (
     towel_half,
     towel_mesh,
 )
-from robots.ports import Array
-from skills.cloth.mesh import ClothMesh
-from skills.cloth.predict import predict_fold
-from skills.vocabulary import Material
+from foldcell.robots.ports import Array
+from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.cloth.predict import predict_fold
+from foldcell.skills.vocabulary import Material
 
 NOISE = 1e-6
 """Standard deviation of the perturbation of each coordinate of the start [m]."""

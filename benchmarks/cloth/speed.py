@@ -12,10 +12,10 @@ import numpy as np
 
 from benchmarks.cloth import Tell
 from benchmarks.cloth.scenes import TIMES, mirrored, shortened, timed, towel_half, towel_mesh, towel_quarter
-from robots.errors import InternalError
-from skills.cloth.intersections.crossings import count_crossings
-from skills.cloth.predict import predict_fold
-from skills.cloth.solver import ClothSimulation
+from foldcell.robots.errors import InternalError
+from foldcell.skills.cloth.intersections.crossings import count_crossings
+from foldcell.skills.cloth.predict import predict_fold
+from foldcell.skills.cloth.solver import ClothSimulation
 
 SIZES = (425, 1300, 5200, 20000)
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from benchmarks.cloth.scenes import Paths
-from robots.ports import Array
-from skills.cloth.mesh import ClothMesh
-from skills.cloth.strain import MOST_STRAIN, TURN, reach, turns
+from foldcell.robots.ports import Array
+from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.cloth.strain import MOST_STRAIN, TURN, reach, turns
 
 __all__ = ["MOST_STRAIN", "EdgeStrains", "edge_strains", "on_the_line"]
 

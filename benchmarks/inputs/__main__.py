@@ -26,10 +26,10 @@ from pathlib import Path
 
 from hypothesis import HealthCheck, Phase, given, seed, settings
 
-import cell
 from benchmarks.inputs.cases import LEAVES, Case, cases
 from benchmarks.inputs.perform import perform
 from benchmarks.inputs.samples import make_samples
+from foldcell import cell
 
 EACH = 5
 """Number of cases that are drawn at a time. Hypothesis varies earlier cases after some."""
@@ -64,7 +64,7 @@ def drawn_of(leaf: int, first: int, run: str) -> list[Case]:
 
 def load_program() -> None:
     """Import every module of the program, so that the cases do not."""
-    for module in pkgutil.walk_packages(cell.__path__, "cell."):
+    for module in pkgutil.walk_packages(cell.__path__, "foldcell.cell."):
         if not module.name.endswith("__main__"):
             with suppress(ModuleNotFoundError):  # of an optional part
                 importlib.import_module(module.name)

@@ -11,8 +11,8 @@ import yaml
 from hypothesis import strategies as st
 
 from benchmarks.inputs.samples import KINDS, ODD
-from cell.commands.main import build_parser
-from cell.config.garments.garment_file import list_garments
+from foldcell.cell.commands.main import build_parser
+from foldcell.cell.config.garments.garment_file import list_garments
 
 __all__ = ["LEAVES", "Case", "Damage", "cases"]
 

@@ -26,7 +26,7 @@ import yaml
 
 from benchmarks.inputs.cases import Case
 from benchmarks.inputs.samples import KINDS
-from robots.errors import ConfigurationError
+from foldcell.robots.errors import ConfigurationError
 
 __all__ = ["LONGEST_S", "perform"]
 
@@ -99,7 +99,7 @@ def _child(case: Case, folder: Path, outside: Path) -> NoReturn:
         _redirect(case, outside)
         sys.argv = ["foldcell", *case.words]
         _open_no_cell()
-        from cell.commands.main import main
+        from foldcell.cell.commands.main import main
 
         code = main(list(case.words))
         with suppress(OSError, ValueError, AttributeError):  # it is closed
@@ -135,20 +135,20 @@ def _redirect(case: Case, outside: Path) -> None:
 
 
 def _open_no_cell() -> None:
-    import cell.calibrating.session
-    import cell.campaigns.executors
-    import cell.commands.run.reset
-    import cell.hardware.driver
-    import cell.runs.fold_run
+    import foldcell.cell.calibrating.session
+    import foldcell.cell.campaigns.executors
+    import foldcell.cell.commands.run.reset
+    import foldcell.cell.hardware.driver
+    import foldcell.cell.runs.fold_run
 
     def refuse(*_: Any) -> NoReturn:
         raise ConfigurationError("a random case opens no cell", "")
 
-    modules: tuple[Any, ...] = (cell.calibrating.session, cell.runs.fold_run)
+    modules: tuple[Any, ...] = (foldcell.cell.calibrating.session, foldcell.cell.runs.fold_run)
     for module in modules:
         module.opened_cell = refuse
-    cell.hardware.driver.stop_circuit = refuse
-    cell.campaigns.executors.worker_pool = refuse
+    foldcell.cell.hardware.driver.stop_circuit = refuse
+    foldcell.cell.campaigns.executors.worker_pool = refuse
 
 
 def _wrong_end(case: Case, code: int, out: str, err: str) -> list[str]:

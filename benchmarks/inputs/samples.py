@@ -11,15 +11,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from cell.campaigns.trials.campaign import Campaign, TrialRequest
-from cell.campaigns.trials.store import CampaignFolder
-from cell.config.calibration_file import table_text
-from cell.config.cell_settings import load_settings
-from cell.config.garments.garment_file import shipped_garment_path
-from cell.journal.journal import Journal
-from cell.runs.request_file import keep_request
-from cell.states.fold_request import FoldRequest
-from cell.support.files.paths import repository_root
+from foldcell.cell.campaigns.trials.campaign import Campaign, TrialRequest
+from foldcell.cell.campaigns.trials.store import CampaignFolder
+from foldcell.cell.config.calibration_file import table_text
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.config.garments.garment_file import shipped_garment_path
+from foldcell.cell.journal.journal import Journal
+from foldcell.cell.runs.request_file import keep_request
+from foldcell.cell.states.fold_request import FoldRequest
+from foldcell.cell.support.files.paths import repository_root
 
 __all__ = ["KINDS", "ODD", "make_samples"]
 

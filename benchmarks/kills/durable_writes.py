@@ -19,8 +19,8 @@ from functools import wraps
 from pathlib import Path
 from typing import Any
 
-from cell.journal.journal import Journal, RunJournal, to_json
-from cell.runs import checkpoint_writer
+from foldcell.cell.journal.journal import Journal, RunJournal, to_json
+from foldcell.cell.runs import checkpoint_writer
 
 __all__ = ["DurableWrite", "read_writes", "watch"]
 
@@ -91,7 +91,7 @@ def main(arguments: Sequence[str]) -> int:
         if count == last:
             os.kill(os.getpid(), signal.SIGKILL)
 
-    from cell.commands.main import main as foldcell
+    from foldcell.cell.commands.main import main as foldcell
 
     watch(reported)
     return foldcell(command)

@@ -15,9 +15,9 @@ from typing import Any
 from benchmarks.motion.folds import measure_folds
 from benchmarks.motion.grasps import measure_grasps
 from benchmarks.motion.kinematics import measure_kinematics
-from cell.config.cell_settings import load_settings
-from cell.config.garments.garment_file import list_garments, load_garment
-from robots.baxter.robot import load_model
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.config.garments.garment_file import list_garments, load_garment
+from foldcell.robots.baxter.robot import load_model
 
 __all__ = ["measure"]
 

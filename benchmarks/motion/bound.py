@@ -24,8 +24,8 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import linprog
 from scipy.sparse import coo_array, csr_array, vstack
 
-from robots.model import JointLimits
-from robots.ports import Array
+from foldcell.robots.model import JointLimits
+from foldcell.robots.ports import Array
 
 __all__ = ["TimeBound", "time_bound"]
 

@@ -18,13 +18,13 @@ from scipy.spatial import cKDTree
 
 from benchmarks.motion.bound import time_bound
 from benchmarks.motion.workload import Task, tasks
-from cell.config.cell_settings import CellSettings
-from robots.model import JointLimits, RobotModel
-from robots.ports import ArmTrajectory, Array, Side, arm_slice
-from skills.motion.moves.fold import FoldMotion, plan_fold_motion
-from skills.motion.timing import timing
-from skills.motion.validation.collision import CollisionChecker
-from skills.vocabulary import ToolPath
+from foldcell.cell.config.cell_settings import CellSettings
+from foldcell.robots.model import JointLimits, RobotModel
+from foldcell.robots.ports import ArmTrajectory, Array, Side, arm_slice
+from foldcell.skills.motion.moves.fold import FoldMotion, plan_fold_motion
+from foldcell.skills.motion.timing import timing
+from foldcell.skills.motion.validation.collision import CollisionChecker
+from foldcell.skills.vocabulary import ToolPath
 
 __all__ = ["measure_folds"]
 

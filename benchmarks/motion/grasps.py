@@ -20,20 +20,27 @@ from typing import Any
 
 import numpy as np
 
-from cell.config.cell_settings import load_settings
-from cell.hardware.robot_model import load_robot
-from cell.simulation.noise import load_noise
-from cell.simulation.robot.tactile import SimulatedTactile
-from robots.errors import FailureKind
-from robots.ports import GripperState, Side
-from robots.registry import find_robot
-from skills.garments.garment import Garment
-from skills.grasping.confirm import CONFIRM_READINGS, Expectation, Held, LayerCount, confirm, start_confirm
-from skills.grasping.hand_reading import HandReading
-from skills.grasping.settings import GraspSettings
-from skills.grasping.slip import start_slip_watch, watch_slip
-from skills.grasping.tare import TactileBias, TareState, start_tare, tare
-from skills.vocabulary import Outcome
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.hardware.robot_model import load_robot
+from foldcell.cell.simulation.noise import load_noise
+from foldcell.cell.simulation.robot.tactile import SimulatedTactile
+from foldcell.robots.errors import FailureKind
+from foldcell.robots.ports import GripperState, Side
+from foldcell.robots.registry import find_robot
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.grasping.confirm import (
+    CONFIRM_READINGS,
+    Expectation,
+    Held,
+    LayerCount,
+    confirm,
+    start_confirm,
+)
+from foldcell.skills.grasping.hand_reading import HandReading
+from foldcell.skills.grasping.settings import GraspSettings
+from foldcell.skills.grasping.slip import start_slip_watch, watch_slip
+from foldcell.skills.grasping.tare import TactileBias, TareState, start_tare, tare
+from foldcell.skills.vocabulary import Outcome
 
 __all__ = ["measure_grasps"]
 

@@ -15,14 +15,14 @@ import numpy as np
 import pinocchio as pin
 from scipy.optimize import least_squares
 
-from robots.baxter.names import JOINT_NAMES
-from robots.baxter.robot import DESCRIPTION
-from robots.bullet.body import joint_map, pb
-from robots.bullet.suppress_output import suppress_output
-from robots.model import RobotModel
-from robots.ports import Array, Side, arm_slice
-from robots.urdf.converted import moving_urdf
-from skills.motion.kinematics import ik
+from foldcell.robots.baxter.names import JOINT_NAMES
+from foldcell.robots.baxter.robot import DESCRIPTION
+from foldcell.robots.bullet.body import joint_map, pb
+from foldcell.robots.bullet.suppress_output import suppress_output
+from foldcell.robots.model import RobotModel
+from foldcell.robots.ports import Array, Side, arm_slice
+from foldcell.robots.urdf.converted import moving_urdf
+from foldcell.skills.motion.kinematics import ik
 
 __all__ = ["measure_kinematics"]
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cell.config.garments.garment_file import list_garments, load_garment
-from skills.fold_plan.plan import plan_folds
-from skills.garments.garment import Garment
-from skills.trajectory.plain_arc import plain_paths
-from skills.vocabulary import FoldStep, GraspId, ToolPath
+from foldcell.cell.config.garments.garment_file import list_garments, load_garment
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.trajectory.plain_arc import plain_paths
+from foldcell.skills.vocabulary import FoldStep, GraspId, ToolPath
 
 __all__ = ["Task", "tasks"]
 

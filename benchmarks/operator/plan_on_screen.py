@@ -8,12 +8,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.report.camera_pictures.projected_drawing import ProjectedDrawing
-from cell.report.camera_pictures.question_picture import ARCS, EXPECTED, OUTLINE, present_outline
-from cell.states.run_context import RunContext
-from robots.ports import Array
-from skills.fold_figures.outline import outline
-from skills.vocabulary import CameraCalibration
+from foldcell.cell.report.camera_pictures.projected_drawing import ProjectedDrawing
+from foldcell.cell.report.camera_pictures.question_picture import ARCS, EXPECTED, OUTLINE, present_outline
+from foldcell.cell.states.run_context import RunContext
+from foldcell.robots.ports import Array
+from foldcell.skills.fold_figures.outline import outline
+from foldcell.skills.vocabulary import CameraCalibration
 
 __all__ = ["drawn_shares", "picture_of"]
 

@@ -15,11 +15,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, Self
 
-from cell.support.files.paths import journal_path
+from foldcell.cell.support.files.paths import journal_path
 
 __all__ = ["Run", "spinning", "unsupervised"]
 
-MAIN = (sys.executable, "-m", "cell.commands.main")
+MAIN = (sys.executable, "-m", "foldcell.cell.commands.main")
 QUESTIONS = ("awaiting_approval", "awaiting_pressing", "asking")
 LONGEST_S = 1200.0
 

@@ -40,10 +40,10 @@ import numpy as np
 from benchmarks.optimise.cases import Case, initial, judge, prepare
 from benchmarks.optimise.kept import Kept, fingerprint
 from benchmarks.optimise.lookups import measure_lookup_times, measure_lookups, summary_of_lookups
-from cell.config.garments.garment_file import list_garments, load_garment
-from cell.support.files.paths import logs_directory
-from skills.trajectory.search.optimise import optimise_fold
-from skills.vocabulary import GraspTrajectory
+from foldcell.cell.config.garments.garment_file import list_garments, load_garment
+from foldcell.cell.support.files.paths import logs_directory
+from foldcell.skills.trajectory.search.optimise import optimise_fold
+from foldcell.skills.vocabulary import GraspTrajectory
 
 Tell = Callable[[str], None]
 

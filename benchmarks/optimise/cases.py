@@ -10,15 +10,15 @@ from functools import partial
 import numpy as np
 
 from benchmarks.attainable_dissimilarity import d_relax, distance_to_target, evaluation_edge, ideal_fold
-from robots.ports import Array
-from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.cloth.predict import predict_fold
-from skills.fold_plan.plan import plan_folds
-from skills.garments.garment import Garment
-from skills.trajectory.arcs.bezier import arc_controls
-from skills.trajectory.arcs.frame import frames_of
-from skills.trajectory.arcs.paths import LIFT_HEIGHT, fold_paths, lifted
-from skills.vocabulary import FoldStep, GraspId, Material
+from foldcell.robots.ports import Array
+from foldcell.skills.cloth.mesh import ClothMesh, mesh_from_contour
+from foldcell.skills.cloth.predict import predict_fold
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.trajectory.arcs.bezier import arc_controls
+from foldcell.skills.trajectory.arcs.frame import frames_of
+from foldcell.skills.trajectory.arcs.paths import LIFT_HEIGHT, fold_paths, lifted
+from foldcell.skills.vocabulary import FoldStep, GraspId, Material
 
 __all__ = ["Case", "Controls", "initial", "judge", "prepare"]
 

@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from cell.config.garments.garment_file import garment_path
-from cell.support.files.whole_file import write_whole
+from foldcell.cell.config.garments.garment_file import garment_path
+from foldcell.cell.support.files.whole_file import write_whole
 
 __all__ = ["Kept", "fingerprint"]
 

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.optimise.cases import Case, initial, judge, prepare
-from cell.config.garments.garment_file import load_garment
-from cell.config.trajectory_library.library_file import entry_of, load_library
-from skills.fold_plan.plan import plan_folds
-from skills.trajectory.search.optimise import optimise_fold
-from skills.trajectory.trajectory_library import LibraryEntry, lookup, trajectory_from
-from skills.vocabulary import GraspId, GraspTrajectory, Material
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.config.trajectory_library.library_file import entry_of, load_library
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.trajectory.search.optimise import optimise_fold
+from foldcell.skills.trajectory.trajectory_library import LibraryEntry, lookup, trajectory_from
+from foldcell.skills.vocabulary import GraspId, GraspTrajectory, Material
 
 __all__ = ["measure_lookup_times", "measure_lookups", "summary_of_lookups"]
 

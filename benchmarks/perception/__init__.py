@@ -23,11 +23,11 @@ from benchmarks.perception.photograph_figures import measure_photographs
 from benchmarks.perception.scenes import TABLE, LabelledScene, draw_scene
 from benchmarks.perception.strangers import measure_strangers
 from benchmarks.shipped_settings import PERCEPTION
-from cell.config.garments.garment_file import list_garments, load_garment
-from robots.ports import Array
-from skills.garments.garment import Garment
-from skills.perception.perceive import perceive
-from skills.vocabulary import Outcome
+from foldcell.cell.config.garments.garment_file import list_garments, load_garment
+from foldcell.robots.ports import Array
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.perception.perceive import perceive
+from foldcell.skills.vocabulary import Outcome
 
 __all__ = ["measure"]
 

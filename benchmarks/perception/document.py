@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from benchmarks.figures_file import command, read_figures
 from benchmarks.perception.scenes import TABLE, draw_scene
 from benchmarks.shipped_settings import PERCEPTION
-from cell.config.garments.garment_file import list_garments, load_garment
-from cell.support.files.whole_file import write_whole
-from robots.errors import ConfigurationError
-from skills.perception.drawing import draw_fitting
-from skills.perception.perceive import perceive
+from foldcell.cell.config.garments.garment_file import list_garments, load_garment
+from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.robots.errors import ConfigurationError
+from foldcell.skills.perception.drawing import draw_fitting
+from foldcell.skills.perception.perceive import perceive
 
 __all__ = ["draw_curve", "draw_example", "draw_reliability", "main", "write"]
 

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.simulation.garment.fabric import SIZE, fabric_texture
-from robots.ports import Array
+from foldcell.cell.simulation.garment.fabric import SIZE, fabric_texture
+from foldcell.robots.ports import Array
 
 __all__ = ["LEAST_DIFFERENCE", "Light", "colour_difference", "draw_fabric"]
 

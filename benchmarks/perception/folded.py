@@ -22,22 +22,22 @@ from numpy.typing import NDArray
 from benchmarks.perception.pieces import Laying, dense, wrinkles
 from benchmarks.perception.scenes import TABLE, Studio, open_studio
 from benchmarks.shipped_settings import INSPECTION, PERCEPTION
-from cell.config.garments.garment_file import load_garment
-from cell.hardware.camera import nominal_calibration
-from cell.simulation.garment.fabric import garment_uv
-from cell.simulation.garment.outline import draw_outline
-from cell.simulation.noise import load_noise
-from robots.baxter.camera_mount import MOUNT
-from robots.errors import FailureKind
-from robots.ports import Array, CameraFrame
-from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.fold_plan.folding import fold_xy, target_vertices
-from skills.fold_plan.plan import plan_folds
-from skills.garments.garment import Garment
-from skills.perception.inspection.inspect import inspect
-from skills.perception.perceive import perceive
-from skills.perception.rectification.camera_refinement import refine_calibration
-from skills.vocabulary import CameraCalibration, FoldStep, GarmentState, PredictedShape, frozen
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.hardware.camera import nominal_calibration
+from foldcell.cell.simulation.garment.fabric import garment_uv
+from foldcell.cell.simulation.garment.outline import draw_outline
+from foldcell.cell.simulation.noise import load_noise
+from foldcell.robots.baxter.camera_mount import MOUNT
+from foldcell.robots.errors import FailureKind
+from foldcell.robots.ports import Array, CameraFrame
+from foldcell.skills.cloth.mesh import ClothMesh, mesh_from_contour
+from foldcell.skills.fold_plan.folding import fold_xy, target_vertices
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.perception.inspection.inspect import inspect
+from foldcell.skills.perception.perceive import perceive
+from foldcell.skills.perception.rectification.camera_refinement import refine_calibration
+from foldcell.skills.vocabulary import CameraCalibration, FoldStep, GarmentState, PredictedShape, frozen
 
 __all__ = ["CURVES", "Folded", "measure_inspection", "open_folded"]
 

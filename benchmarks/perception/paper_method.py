@@ -14,13 +14,13 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.perception.scenes import TABLE, LabelledScene
-from robots.ports import Array
-from skills.perception.outline import GarmentOutline, polygon_area, resample_closed, segment_lengths
-from skills.perception.rectification.table_view import TableView
-from skills.perception.registration.energy import Boundary, EnergyWeights
-from skills.perception.registration.register import FitSettings, fit
-from skills.perception.segmentation.watershed import segment_watershed
-from skills.plane import rotation
+from foldcell.robots.ports import Array
+from foldcell.skills.perception.outline import GarmentOutline, polygon_area, resample_closed, segment_lengths
+from foldcell.skills.perception.rectification.table_view import TableView
+from foldcell.skills.perception.registration.energy import Boundary, EnergyWeights
+from foldcell.skills.perception.registration.register import FitSettings, fit
+from foldcell.skills.perception.segmentation.watershed import segment_watershed
+from foldcell.skills.plane import rotation
 
 __all__ = ["paper_keypoints"]
 

@@ -10,11 +10,11 @@ import numpy as np
 
 from benchmarks.perception.photographs import CRUMPLED, GARMENTS, Photograph, photograph
 from benchmarks.shipped_settings import PERCEPTION
-from cell.hardware.photograph import photographed
-from robots.ports import Array, CameraFrame
-from skills.garments.garment import Garment
-from skills.perception.perceive import Perception, perceive
-from skills.vocabulary import Outcome
+from foldcell.cell.hardware.photograph import photographed
+from foldcell.robots.ports import Array, CameraFrame
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.perception.perceive import Perception, perceive
+from foldcell.skills.vocabulary import Outcome
 
 __all__ = ["look_at", "measure_photographs", "worst_error"]
 

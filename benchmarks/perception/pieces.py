@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.simulation.garment.outline import draw_outline
-from cell.simulation.noise import load_noise
-from robots.ports import Array
-from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.garments.garment import Garment
+from foldcell.cell.simulation.garment.outline import draw_outline
+from foldcell.cell.simulation.noise import load_noise
+from foldcell.robots.ports import Array
+from foldcell.skills.cloth.mesh import ClothMesh, mesh_from_contour
+from foldcell.skills.garments.garment import Garment
 
 __all__ = ["Laying", "Piece", "dense", "draw_piece", "wrinkles"]
 

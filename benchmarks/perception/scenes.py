@@ -18,22 +18,22 @@ import numpy as np
 
 from benchmarks.perception.fabrics import Light, draw_fabric
 from benchmarks.perception.pieces import Laying, Piece, draw_piece
-from cell.config.garments.garment_file import load_garment
-from cell.hardware.camera import nominal_calibration
-from cell.simulation.camera.camera import SimulatedCamera
-from cell.simulation.camera.render_server import Picture, Scene, Shot, _Stage
-from cell.simulation.garment.fabric import garment_uv, table_texture
-from cell.simulation.noise import load_noise
-from cell.simulation.settings import DEFAULT_TABLE
-from robots.baxter.camera_mount import MOUNT
-from robots.baxter.robot import FLOOR
-from robots.bullet.body import pb
-from robots.depth_averaging import EXPOSURES
-from robots.errors import ConfigurationError
-from robots.ports import Array, CameraFrame
-from skills.garments.garment import Garment
-from skills.perception.rectification.camera_refinement import refine_calibration
-from skills.vocabulary import CameraCalibration, Table
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.hardware.camera import nominal_calibration
+from foldcell.cell.simulation.camera.camera import SimulatedCamera
+from foldcell.cell.simulation.camera.render_server import Picture, Scene, Shot, _Stage
+from foldcell.cell.simulation.garment.fabric import garment_uv, table_texture
+from foldcell.cell.simulation.noise import load_noise
+from foldcell.cell.simulation.settings import DEFAULT_TABLE
+from foldcell.robots.baxter.camera_mount import MOUNT
+from foldcell.robots.baxter.robot import FLOOR
+from foldcell.robots.bullet.body import pb
+from foldcell.robots.depth_averaging import EXPOSURES
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.ports import Array, CameraFrame
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.perception.rectification.camera_refinement import refine_calibration
+from foldcell.skills.vocabulary import CameraCalibration, Table
 
 __all__ = ["TABLE", "LabelledScene", "Studio", "draw_scene", "open_studio"]
 

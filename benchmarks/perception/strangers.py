@@ -10,15 +10,15 @@ import numpy as np
 from benchmarks.perception.pieces import Laying, dense, wrinkles
 from benchmarks.perception.scenes import TABLE, open_studio
 from benchmarks.shipped_settings import PERCEPTION
-from cell.hardware.camera import nominal_calibration
-from cell.simulation.garment.fabric import garment_uv
-from robots.baxter.camera_mount import MOUNT
-from robots.ports import Array, CameraFrame
-from skills.cloth.mesh import mesh_from_contour
-from skills.garments.garment import Garment
-from skills.perception.perceive import perceive
-from skills.perception.rectification.camera_refinement import refine_calibration
-from skills.vocabulary import CameraCalibration
+from foldcell.cell.hardware.camera import nominal_calibration
+from foldcell.cell.simulation.garment.fabric import garment_uv
+from foldcell.robots.baxter.camera_mount import MOUNT
+from foldcell.robots.ports import Array, CameraFrame
+from foldcell.skills.cloth.mesh import mesh_from_contour
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.perception.perceive import perceive
+from foldcell.skills.perception.rectification.camera_refinement import refine_calibration
+from foldcell.skills.vocabulary import CameraCalibration
 
 __all__ = ["STRANGERS", "draw_stranger", "measure_strangers"]
 

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cell.config.yaml_file import read_yaml
-from robots.ports import Array
+from foldcell.cell.config.yaml_file import read_yaml
+from foldcell.robots.ports import Array
 
 __all__ = ["LIKE", "RealGarment", "real_garments"]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from benchmarks.reference.pages import FOLDER, pages
-from cell.support.files.whole_file import write_whole
+from foldcell.cell.support.files.whole_file import write_whole
 
 if __name__ == "__main__":
     for name, text in pages().items():

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator, Mapping
 
 from benchmarks.reference.markdown import cell, table
-from cell.commands.main import COMMANDS, EPILOG, build_parser
+from foldcell.cell.commands.main import COMMANDS, EPILOG, build_parser
 
 __all__ = ["PARTS", "pages"]
 
@@ -18,7 +18,7 @@ PARTS: Mapping[str, tuple[str, tuple[str, ...]]] = {
     "look": ("Commands that look back", ("history",)),
     "install": ("Commands for the installation", ("installation",)),
 }
-"""Part of the commands -> title of its page, and the folders of `cell.commands` whose commands it has."""
+"""Part of the commands -> title of its page, and the folders of `foldcell.cell.commands` whose commands it has."""
 
 
 def pages() -> dict[str, str]:

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.reference.markdown import cell, table
-from cell.config.deciding_setting import LIMITS
-from cell.record.words import plain
-from cell.states.recovery_table import RECOVERIES
-from robots.errors import FailureKind
+from foldcell.cell.config.deciding_setting import LIMITS
+from foldcell.cell.record.words import plain
+from foldcell.cell.states.recovery_table import RECOVERIES
+from foldcell.robots.errors import FailureKind
 
 __all__ = ["CAUSES", "PARTS", "Message", "messages", "pages"]
 

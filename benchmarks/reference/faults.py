@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from cell.campaigns.faults.fault_table import FaultEntry, read_fault_table
-from cell.simulation import TRAITS
+from foldcell.cell.campaigns.faults.fault_table import FaultEntry, read_fault_table
+from foldcell.cell.simulation import TRAITS
 
 __all__ = ["page"]
 

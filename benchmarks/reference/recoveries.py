@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from cell.states.recovery_table import RECOVERIES, SUBSTITUTES, WITHOUT_EDITS, Adjustment, Recovery
-from cell.states.situation import Condition
+from foldcell.cell.states.recovery_table import RECOVERIES, SUBSTITUTES, WITHOUT_EDITS, Adjustment, Recovery
+from foldcell.cell.states.situation import Condition
 
 __all__ = ["page"]
 

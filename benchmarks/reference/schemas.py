@@ -9,12 +9,12 @@ import yaml
 from pydantic import TypeAdapter
 
 from benchmarks.reference.markdown import cell, table
-from cell.campaigns.hil.script import Script
-from cell.campaigns.trials.campaign import CampaignFile
-from cell.config.cell_settings import CellSettings, default_settings_path
-from cell.config.garments.garment_file import AVERAGE, _GarmentFile
-from cell.record.run_record import RunRecord
-from cell.states.commands import OPERATOR_EVENTS
+from foldcell.cell.campaigns.hil.script import Script
+from foldcell.cell.campaigns.trials.campaign import CampaignFile
+from foldcell.cell.config.cell_settings import CellSettings, default_settings_path
+from foldcell.cell.config.garments.garment_file import AVERAGE, _GarmentFile
+from foldcell.cell.record.run_record import RunRecord
+from foldcell.cell.states.commands import OPERATOR_EVENTS
 
 __all__ = ["pages"]
 

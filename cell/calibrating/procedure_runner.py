@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.effects import (
+from foldcell.calibration.effects import (
     ANSWERABLE,
     Bring,
     Effect,
@@ -22,18 +22,18 @@ from calibration.effects import (
     TactileRecording,
     Touch,
 )
-from cell.calibrating.reach import reach, settled_joints, with_board
-from cell.calibrating.touch import touch_table
-from cell.control.checks import stopped
-from cell.control.motions.hold_position import wait
-from cell.control.ticks import TICK_S
-from cell.executive.effects.seeing import capture
-from cell.hardware.workcell import Workcell
-from cell.journal.journal import RunJournal
-from robots.errors import DriverError, Failure, FailureKind
-from robots.ports import BoardPlace, Side, TactileReading
-from skills.grasping.hand_reading import GripCommand
-from skills.vocabulary import Outcome
+from foldcell.cell.calibrating.reach import reach, settled_joints, with_board
+from foldcell.cell.calibrating.touch import touch_table
+from foldcell.cell.control.checks import stopped
+from foldcell.cell.control.motions.hold_position import wait
+from foldcell.cell.control.ticks import TICK_S
+from foldcell.cell.executive.effects.seeing import capture
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.journal.journal import RunJournal
+from foldcell.robots.errors import DriverError, Failure, FailureKind
+from foldcell.robots.ports import BoardPlace, Side, TactileReading
+from foldcell.skills.grasping.hand_reading import GripCommand
+from foldcell.skills.vocabulary import Outcome
 
 __all__ = ["STATE", "ProcedureRunner"]
 

@@ -8,22 +8,27 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from calibration.board import BOARD
-from calibration.effects import Reach
-from cell.calibrating.touch import park_other
-from cell.control.checks import fresh_state
-from cell.control.motions.hold_position import wait
-from cell.control.ticks import TICK_S
-from cell.executive.effects.checked_motion import move
-from cell.hardware.assembly import SLACK
-from cell.hardware.workcell import Workcell
-from robots.errors import Failure, FailureKind
-from robots.model import RobotModel
-from robots.ports import Array, Side, frozen
-from skills.motion.kinematics import ik
-from skills.motion.moves.free_motion import plan_free_motion
-from skills.motion.validation.collision import BODY_MARGIN, FINGERTIP_MARGIN, TABLE_MARGIN, CollisionChecker
-from skills.vocabulary import Outcome
+from foldcell.calibration.board import BOARD
+from foldcell.calibration.effects import Reach
+from foldcell.cell.calibrating.touch import park_other
+from foldcell.cell.control.checks import fresh_state
+from foldcell.cell.control.motions.hold_position import wait
+from foldcell.cell.control.ticks import TICK_S
+from foldcell.cell.executive.effects.checked_motion import move
+from foldcell.cell.hardware.assembly import SLACK
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.model import RobotModel
+from foldcell.robots.ports import Array, Side, frozen
+from foldcell.skills.motion.kinematics import ik
+from foldcell.skills.motion.moves.free_motion import plan_free_motion
+from foldcell.skills.motion.validation.collision import (
+    BODY_MARGIN,
+    FINGERTIP_MARGIN,
+    TABLE_MARGIN,
+    CollisionChecker,
+)
+from foldcell.skills.vocabulary import Outcome
 
 __all__ = ["holding_board", "reach", "settled_joints", "with_board"]
 

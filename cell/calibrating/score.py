@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.camera import IntrinsicsCalibration
-from calibration.hand_eye import HandEyeCalibration
-from calibration.table import TableCalibration
-from calibration.tactile import TactileCalibration
-from cell.simulation import Truth
-from cell.simulation.noise import load_noise
-from skills.vocabulary import Array, Intrinsics, Table
+from foldcell.calibration.camera import IntrinsicsCalibration
+from foldcell.calibration.hand_eye import HandEyeCalibration
+from foldcell.calibration.table import TableCalibration
+from foldcell.calibration.tactile import TactileCalibration
+from foldcell.cell.simulation import Truth
+from foldcell.cell.simulation.noise import load_noise
+from foldcell.skills.vocabulary import Array, Intrinsics, Table
 
 __all__ = ["hand_eye_error", "intrinsics_error", "table_error", "tactile_error"]
 

@@ -17,31 +17,31 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.effects import Procedure
-from cell.calibrating.procedure_runner import STATE, ProcedureRunner
-from cell.config.cell_settings import CellSettings
-from cell.executive.effects.moving import hold_still, make_safe, prepare
-from cell.hardware.assembly import assemble
-from cell.hardware.driver import OpenCell, check_cell, opened_cell, simulation_settings
-from cell.hardware.driver_names import is_simulated
-from cell.hardware.robot_model import load_robot
-from cell.hardware.workcell import Workcell
-from cell.journal.journal import RunJournal
-from cell.operator.progress.compiling import report_compilation
-from cell.operator.terminal.attendant import PersonAttendant
-from cell.operator.terminal.keys import TerminalOperator, check_terminal
-from cell.runs.ownership import begun_run, owned_cell
-from cell.simulation import SimulationSettings, Truth
-from cell.states.commands import CommandQueue
-from cell.states.fold_request import FoldRequest
-from cell.states.run_context import RunContext
-from cell.states.transition_table import Event
-from cell.support.files.whole_file import write_whole
-from cell.support.json_values import to_json
-from cell.support.process.interrupts import Interrupts
-from cell.support.process.terminations import BY_SIGNAL
-from cell.view.recorder import Recorder
-from robots.errors import (
+from foldcell.calibration.effects import Procedure
+from foldcell.cell.calibrating.procedure_runner import STATE, ProcedureRunner
+from foldcell.cell.config.cell_settings import CellSettings
+from foldcell.cell.executive.effects.moving import hold_still, make_safe, prepare
+from foldcell.cell.hardware.assembly import assemble
+from foldcell.cell.hardware.driver import OpenCell, check_cell, opened_cell, simulation_settings
+from foldcell.cell.hardware.driver_names import is_simulated
+from foldcell.cell.hardware.robot_model import load_robot
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.journal.journal import RunJournal
+from foldcell.cell.operator.progress.compiling import report_compilation
+from foldcell.cell.operator.terminal.attendant import PersonAttendant
+from foldcell.cell.operator.terminal.keys import TerminalOperator, check_terminal
+from foldcell.cell.runs.ownership import begun_run, owned_cell
+from foldcell.cell.simulation import SimulationSettings, Truth
+from foldcell.cell.states.commands import CommandQueue
+from foldcell.cell.states.fold_request import FoldRequest
+from foldcell.cell.states.run_context import RunContext
+from foldcell.cell.states.transition_table import Event
+from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.cell.support.json_values import to_json
+from foldcell.cell.support.process.interrupts import Interrupts
+from foldcell.cell.support.process.terminations import BY_SIGNAL
+from foldcell.cell.view.recorder import Recorder
+from foldcell.robots.errors import (
     CellError,
     DriverError,
     Failure,
@@ -49,8 +49,8 @@ from robots.errors import (
     RecordError,
     StorageError,
 )
-from robots.ports import Stop
-from skills.vocabulary import Outcome
+from foldcell.robots.ports import Stop
+from foldcell.skills.vocabulary import Outcome
 
 __all__ = ["CalibrationEnd", "CalibrationPrompts", "CalibrationRequest", "Session", "calibrate", "perform_session"]
 

@@ -6,29 +6,29 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.effects import Touch, TouchReadings
-from cell.config.deciding_setting import setting_in_words
-from cell.control.checks import SETTLED, fresh_state
-from cell.control.motion import Motion
-from cell.control.motions.guarded_motions import GuardedHand, Lowering, guarded_descent
-from cell.control.motions.hands import each_hand
-from cell.control.motions.hold_position import wait
-from cell.executive.effects.checked_motion import move
-from cell.hardware.workcell import Workcell
-from robots.errors import Failure, FailureKind
-from robots.ports import JointState, Side
-from skills.grasping.descend import Contact, DescentGoal, start_descent
-from skills.grasping.hand_reading import GripCommand, HandReading
-from skills.grasping.release import RELEASE_FORCE
-from skills.grasping.settings import GraspSettings
-from skills.grasping.tare import TactileBias, start_tare, tare
-from skills.motion.kinematics import ik
-from skills.motion.kinematics.posture import Posture
-from skills.motion.moves.free_motion import plan_free_motion
-from skills.motion.moves.grasp import Descent, GraspMotion, plan_grasp
-from skills.motion.moves.lift import plan_lift
-from skills.motion.timing.jerk_limiter import JerkLimiter
-from skills.vocabulary import GraspId, Outcome, ToolPath, tool_rotation
+from foldcell.calibration.effects import Touch, TouchReadings
+from foldcell.cell.config.deciding_setting import setting_in_words
+from foldcell.cell.control.checks import SETTLED, fresh_state
+from foldcell.cell.control.motion import Motion
+from foldcell.cell.control.motions.guarded_motions import GuardedHand, Lowering, guarded_descent
+from foldcell.cell.control.motions.hands import each_hand
+from foldcell.cell.control.motions.hold_position import wait
+from foldcell.cell.executive.effects.checked_motion import move
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.ports import JointState, Side
+from foldcell.skills.grasping.descend import Contact, DescentGoal, start_descent
+from foldcell.skills.grasping.hand_reading import GripCommand, HandReading
+from foldcell.skills.grasping.release import RELEASE_FORCE
+from foldcell.skills.grasping.settings import GraspSettings
+from foldcell.skills.grasping.tare import TactileBias, start_tare, tare
+from foldcell.skills.motion.kinematics import ik
+from foldcell.skills.motion.kinematics.posture import Posture
+from foldcell.skills.motion.moves.free_motion import plan_free_motion
+from foldcell.skills.motion.moves.grasp import Descent, GraspMotion, plan_grasp
+from foldcell.skills.motion.moves.lift import plan_lift
+from foldcell.skills.motion.timing.jerk_limiter import JerkLimiter
+from foldcell.skills.vocabulary import GraspId, Outcome, ToolPath, tool_rotation
 
 __all__ = ["park_other", "touch_table"]
 

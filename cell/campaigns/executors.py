@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cell.campaigns.trials.store import cpu_model, program_versions
-from cell.support.process.workers import worker_pool
-from robots.errors import ConfigurationError
+from foldcell.cell.campaigns.trials.store import cpu_model, program_versions
+from foldcell.cell.support.process.workers import worker_pool
+from foldcell.robots.errors import ConfigurationError
 
 __all__ = ["RUNS_EACH", "Workers", "chosen_workers", "cluster_workers", "local_workers", "process_died"]
 

@@ -11,15 +11,15 @@ from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from contextlib import closing
 from pathlib import Path
 
-from cell.campaigns.executors import Workers
-from cell.campaigns.results import RESULTS, CampaignResults
-from cell.campaigns.trials.campaign import Keep, TrialRequest
-from cell.campaigns.trials.perform_trial import Fold, perform_trial
-from cell.campaigns.trials.store import CampaignFolder, program_versions
-from cell.campaigns.trials.trial import Trial
-from cell.operator.progress.compiling import report_compilation
-from cell.support.files.whole_file import write_whole
-from robots.errors import StorageError
+from foldcell.cell.campaigns.executors import Workers
+from foldcell.cell.campaigns.results import RESULTS, CampaignResults
+from foldcell.cell.campaigns.trials.campaign import Keep, TrialRequest
+from foldcell.cell.campaigns.trials.perform_trial import Fold, perform_trial
+from foldcell.cell.campaigns.trials.store import CampaignFolder, program_versions
+from foldcell.cell.campaigns.trials.trial import Trial
+from foldcell.cell.operator.progress.compiling import report_compilation
+from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.robots.errors import StorageError
 
 __all__ = ["ATTEMPTS", "perform_campaign", "run_trials"]
 
@@ -33,7 +33,7 @@ Write = Callable[[CampaignFolder, list[Trial]], None]
 
 def write_results(folder: CampaignFolder, trials: list[Trial]) -> None:
     """Write `trials.json` and `campaign.html`. Raises StorageError."""
-    from cell.campaigns.page.campaign_page import PAGE, campaign_page
+    from foldcell.cell.campaigns.page.campaign_page import PAGE, campaign_page
 
     results = CampaignResults.of(folder.campaign, trials)
     write_whole(folder.path / RESULTS, results.text())

@@ -8,11 +8,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from cell.campaigns.statistics.comparison import Comparison, compare_trials
-from cell.campaigns.statistics.summary import Claims, Row, claims, part_claims, summarise
-from cell.campaigns.trials.campaign import Campaign
-from cell.campaigns.trials.trial import Trial
-from cell.support.json_values import to_json
+from foldcell.cell.campaigns.statistics.comparison import Comparison, compare_trials
+from foldcell.cell.campaigns.statistics.summary import Claims, Row, claims, part_claims, summarise
+from foldcell.cell.campaigns.trials.campaign import Campaign
+from foldcell.cell.campaigns.trials.trial import Trial
+from foldcell.cell.support.json_values import to_json
 
 __all__ = ["RESULTS", "CampaignResults", "VariantResults"]
 

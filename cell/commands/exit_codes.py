@@ -15,10 +15,10 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from cell.support.process.library_messages import quiet_libraries
-from cell.support.process.standard_streams import lasting_streams
-from cell.support.process.terminations import BY_SIGNAL, Terminated, unwinding
-from robots.errors import CellError, ConfigurationError, StorageError
+from foldcell.cell.support.process.library_messages import quiet_libraries
+from foldcell.cell.support.process.standard_streams import lasting_streams
+from foldcell.cell.support.process.terminations import BY_SIGNAL, Terminated, unwinding
+from foldcell.robots.errors import CellError, ConfigurationError, StorageError
 
 __all__ = ["FAULT", "INTERRUPTED", "NOT_DONE", "OK", "USAGE", "framed"]
 
@@ -103,7 +103,7 @@ def _say(code: int, what: str, hint: str) -> int:
 def _write_traceback(options: argparse.Namespace) -> Path | None:
     """Write the traceback to the logs folder, else to the temporary folder. Returns its path, or None if neither
     folder can be written. Never raises."""
-    from cell.support.files.paths import logs_directory
+    from foldcell.cell.support.files.paths import logs_directory
 
     name = f"crash-{time.strftime('%Y%m%dT%H%M%S')}-{os.getpid()}.txt"
     text = f"foldcell {' '.join(sys.argv[1:])}\n\n{traceback.format_exc()}".encode(errors="backslashreplace")

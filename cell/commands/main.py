@@ -15,9 +15,9 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import NoReturn
 
-from cell.commands.exit_codes import USAGE, framed
-from cell.commands.options import Commands, add_command
-from cell.support.files.names import checked_name
+from foldcell.cell.commands.exit_codes import USAGE, framed
+from foldcell.cell.commands.options import Commands, add_command
+from foldcell.cell.support.files.names import checked_name
 
 __all__ = ["build_parser", "main"]
 
@@ -116,7 +116,7 @@ def build_parser(only: Sequence[str] = ()) -> argparse.ArgumentParser:
 
 
 def _add_options(module: str, to: argparse.ArgumentParser | Commands) -> None:
-    importlib.import_module(f"cell.commands.{module}").add_options(to)
+    importlib.import_module(f"foldcell.cell.commands.{module}").add_options(to)
 
 
 class _Version(argparse.Action):

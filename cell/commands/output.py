@@ -17,7 +17,7 @@ __all__ = ["print_json", "print_table", "progress_stream", "refuse_drawing", "wr
 
 def print_json(value: Mapping[str, Any]) -> None:
     """Print one JSON object on one line. The line is in ASCII, which every stream can encode."""
-    from cell.support.json_values import to_json
+    from foldcell.cell.support.json_values import to_json
 
     print(json.dumps(to_json(value), allow_nan=False), flush=True)
 
@@ -51,8 +51,8 @@ def write_drawing(folder: Path, name: str, picture: NDArray[np.uint8]) -> str:
     StorageError if the file cannot be written."""
     import cv2
 
-    from cell.support.files.own_file import marked_png
-    from cell.support.files.whole_file import write_whole
+    from foldcell.cell.support.files.own_file import marked_png
+    from foldcell.cell.support.files.whole_file import write_whole
 
     path = refuse_drawing(folder, name)
     done, png = cv2.imencode(".png", picture[:, :, ::-1])
@@ -65,8 +65,8 @@ def write_drawing(folder: Path, name: str, picture: NDArray[np.uint8]) -> str:
 def refuse_drawing(folder: Path, name: str) -> Path:
     """Return the path of a drawing. Raises ConfigurationError if the folder does not exist, or if a picture that
     foldcell did not draw has this path. Called also before a drawing's content is computed."""
-    from cell.support.files.own_file import PNG_MARK, refuse_foreign
-    from robots.errors import ConfigurationError
+    from foldcell.cell.support.files.own_file import PNG_MARK, refuse_foreign
+    from foldcell.robots.errors import ConfigurationError
 
     if not folder.is_dir():
         raise ConfigurationError(

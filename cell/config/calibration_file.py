@@ -25,9 +25,9 @@ import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field
 
-from cell.config.yaml_file import read_yaml, validated
-from robots.errors import ConfigurationError
-from skills.vocabulary import Array, CameraCalibration, Intrinsics, Table, frozen
+from foldcell.cell.config.yaml_file import read_yaml, validated
+from foldcell.robots.errors import ConfigurationError
+from foldcell.skills.vocabulary import Array, CameraCalibration, Intrinsics, Table, frozen
 
 __all__ = [
     "CameraFile",

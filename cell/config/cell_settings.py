@@ -19,20 +19,24 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from cell.config.calibration_file import load_camera_calibration, load_table_height, load_tactile_thresholds
-from cell.config.yaml_file import Document, Key, merge, read_yaml, validated
-from cell.support.files.names import checked_name
-from robots.errors import ConfigurationError
-from robots.registry import list_robots
-from robots.ros.driver import CameraTopics, RosSettings
-from skills.vocabulary import Table
+from foldcell.cell.config.calibration_file import (
+    load_camera_calibration,
+    load_table_height,
+    load_tactile_thresholds,
+)
+from foldcell.cell.config.yaml_file import Document, Key, merge, read_yaml, validated
+from foldcell.cell.support.files.names import checked_name
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.registry import list_robots
+from foldcell.robots.ros.driver import CameraTopics, RosSettings
+from foldcell.skills.vocabulary import Table
 
 if TYPE_CHECKING:
-    from skills.cloth.pinch import PadGeometry
-    from skills.grasping.settings import GraspSettings
-    from skills.perception.inspection.claim_settings import ClaimSettings
-    from skills.perception.inspection.inspect import InspectionSettings
-    from skills.perception.settings import PerceptionSettings
+    from foldcell.skills.cloth.pinch import PadGeometry
+    from foldcell.skills.grasping.settings import GraspSettings
+    from foldcell.skills.perception.inspection.claim_settings import ClaimSettings
+    from foldcell.skills.perception.inspection.inspect import InspectionSettings
+    from foldcell.skills.perception.settings import PerceptionSettings
 
 __all__ = [
     "CameraConfig",
@@ -185,7 +189,7 @@ class ParkConfig(_Group):
 
 
 class PerceptionConfig(_Group):
-    """Thresholds for accepting a recognised garment (skills.perception.settings)."""
+    """Thresholds for accepting a recognised garment (foldcell.skills.perception.settings)."""
 
     method: Literal["reference", "plain", "grabcut", "watershed"] = Field(
         description="segmentation: reference (picture of the empty table), plain (table colour), grabcut (table "
@@ -201,7 +205,7 @@ class PerceptionConfig(_Group):
 
     def settings(self) -> PerceptionSettings:
         """The skill's settings."""
-        from skills.perception.settings import PerceptionSettings
+        from foldcell.skills.perception.settings import PerceptionSettings
 
         return PerceptionSettings(**self.model_dump())
 
@@ -234,13 +238,13 @@ class GripperConfig(_Group):
     @property
     def pads(self) -> PadGeometry:
         """The pads, for planning and prediction."""
-        from skills.cloth.pinch import PadGeometry
+        from foldcell.skills.cloth.pinch import PadGeometry
 
         return PadGeometry(self.pad_width, self.opening, self.pad_depth, self.pad_friction)
 
 
 class GraspConfig(_Group):
-    """Speeds, forces and sensors of a grasp: guarded descent, pinch, confirmation (skills.grasping)."""
+    """Speeds, forces and sensors of a grasp: guarded descent, pinch, confirmation (foldcell.skills.grasping)."""
 
     approach_speed: float = _number(0.005, 0.3, "m/s", "speed of the descent to just above the garment")
     guarded_speed: float = _number(0.002, 0.1, "m/s", "speed of the descent from there to contact")
@@ -263,7 +267,7 @@ class GraspConfig(_Group):
     def settings(self, contact_effort: float, empty_opening: float, tip_distance: float) -> GraspSettings:
         """The skill's settings. contact_effort: of the robot's model [Nm]. empty_opening: of its closed, empty
         gripper [m]. tip_distance: between the middles of the fingertips of an open hand [m]."""
-        from skills.grasping.settings import GraspSettings, without_tactile
+        from foldcell.skills.grasping.settings import GraspSettings, without_tactile
 
         values = self.calibrated().model_dump(exclude={"lift_height", "calibration", "tactile"})
         settings = GraspSettings(
@@ -273,7 +277,7 @@ class GraspConfig(_Group):
 
 
 class InspectionConfig(_Group):
-    """Thresholds for accepting an observed fold (skills.perception.inspection.inspect)."""
+    """Thresholds for accepting an observed fold (foldcell.skills.perception.inspection.inspect)."""
 
     enabled: bool = Field(
         strict=True, description="judge each fold by a picture; false: the plan goes on from the predicted shape"
@@ -310,7 +314,7 @@ class InspectionConfig(_Group):
 
     def settings(self, perception: PerceptionConfig) -> InspectionSettings:
         """The skill's settings."""
-        from skills.perception.inspection.inspect import InspectionSettings
+        from foldcell.skills.perception.inspection.inspect import InspectionSettings
 
         values = self.model_dump(include={"iou", "drift", "extra_height", "deviation"})
         return InspectionSettings(
@@ -322,7 +326,7 @@ class InspectionConfig(_Group):
 
     def claim_settings(self) -> ClaimSettings:
         """Limits and errors of the claim that the garment is folded."""
-        from skills.perception.inspection.claim_settings import ClaimSettings
+        from foldcell.skills.perception.inspection.claim_settings import ClaimSettings
 
         return ClaimSettings(
             iou=self.claim_iou,
@@ -342,7 +346,7 @@ class InspectionConfig(_Group):
 
 
 class PressingConfig(_Group):
-    """Pressing of high creases: the least height and the force (skills.fold_plan.pressing)."""
+    """Pressing of high creases: the least height and the force (foldcell.skills.fold_plan.pressing)."""
 
     max_attempts: int = _count(0, 5, "how often one fold may be pressed; 0: never")
     min_excess_height: float = _number(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from cell.config.cell_settings import CellSettings
+from foldcell.cell.config.cell_settings import CellSettings
 
 __all__ = ["changed_settings", "differing"]
 

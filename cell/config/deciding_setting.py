@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cell.config.cell_settings import CellSettings
-from robots.errors import Failure, FailureKind
+from foldcell.cell.config.cell_settings import CellSettings
+from foldcell.robots.errors import Failure, FailureKind
 
 __all__ = ["LIMITS", "Limit", "deciding_setting", "grasping_hint", "overriding_file", "setting_in_words"]
 

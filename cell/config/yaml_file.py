@@ -24,7 +24,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from robots.errors import ConfigurationError
+from foldcell.robots.errors import ConfigurationError
 
 __all__ = [
     "Document",

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cell.control.set_points import LastCommand
-from cell.control.ticks import TICK_S
-from robots.errors import Failure, FailureKind
-from robots.ports import Array, JointSetpoint, JointState, Ports
-from skills.vocabulary import Outcome
+from foldcell.cell.control.set_points import LastCommand
+from foldcell.cell.control.ticks import TICK_S
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.ports import Array, JointSetpoint, JointState, Ports
+from foldcell.skills.vocabulary import Outcome
 
 __all__ = [
     "FROZEN_S",

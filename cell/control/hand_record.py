@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from robots.ports import Array, JointState, Side
+from foldcell.robots.ports import Array, JointState, Side
 
 __all__ = ["HandRecord"]
 

@@ -13,15 +13,22 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from typing import TypeVar
 
-from cell.control.checks import ExecutionLimits, FrozenStateWatch, followed, fresh_state, start_mismatch, stopped
-from cell.control.motion import Feedback, Motion, SetPoint
-from cell.control.path_clock import PathControl
-from cell.control.pausing import Interruptions
-from cell.control.set_points import LastCommand, PathRecord
-from cell.control.ticks import Ticks
-from robots.errors import FailureKind
-from robots.ports import JointState, Ports
-from skills.vocabulary import Outcome
+from foldcell.cell.control.checks import (
+    ExecutionLimits,
+    FrozenStateWatch,
+    followed,
+    fresh_state,
+    start_mismatch,
+    stopped,
+)
+from foldcell.cell.control.motion import Feedback, Motion, SetPoint
+from foldcell.cell.control.path_clock import PathControl
+from foldcell.cell.control.pausing import Interruptions
+from foldcell.cell.control.set_points import LastCommand, PathRecord
+from foldcell.cell.control.ticks import Ticks
+from foldcell.robots.errors import FailureKind
+from foldcell.robots.ports import JointState, Ports
+from foldcell.skills.vocabulary import Outcome
 
 __all__ = ["ControlLoop"]
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import TypeVar
 
-from robots.errors import Failure
-from robots.ports import Array, JointState
-from skills.vocabulary import Outcome
+from foldcell.robots.errors import Failure
+from foldcell.robots.ports import Array, JointState
+from foldcell.skills.vocabulary import Outcome
 
 __all__ = ["Feedback", "Motion", "Order", "SetPoint", "Tick", "Watch"]
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from cell.control.ticks import TICK_S
-from cell.states.commands import CommandQueue
-from robots.model import JointLimits
-from robots.ports import ArmTrajectory, Array
-from skills.motion.timing.timing import STOP_TIME, ClockWarp, warp_clock
+from foldcell.cell.control.ticks import TICK_S
+from foldcell.cell.states.commands import CommandQueue
+from foldcell.robots.model import JointLimits
+from foldcell.robots.ports import ArmTrajectory, Array
+from foldcell.skills.motion.timing.timing import STOP_TIME, ClockWarp, warp_clock
 
 __all__ = ["PathClock", "PathControl"]
 

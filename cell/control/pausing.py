@@ -6,14 +6,14 @@ them. A failure in a pause therefore ends the motion only then. Only the stop en
 
 from __future__ import annotations
 
-from cell.control.checks import ExecutionLimits, start_mismatch
-from cell.control.motion import Order, SetPoint
-from cell.control.path_clock import PathControl
-from cell.control.ticks import TICK_S
-from cell.states.commands import ABORTED, CommandQueue
-from cell.states.transition_table import Event
-from robots.errors import Failure
-from robots.ports import Array, Clock, JointState
+from foldcell.cell.control.checks import ExecutionLimits, start_mismatch
+from foldcell.cell.control.motion import Order, SetPoint
+from foldcell.cell.control.path_clock import PathControl
+from foldcell.cell.control.ticks import TICK_S
+from foldcell.cell.states.commands import ABORTED, CommandQueue
+from foldcell.cell.states.transition_table import Event
+from foldcell.robots.errors import Failure
+from foldcell.robots.ports import Array, Clock, JointState
 
 __all__ = ["Interruptions"]
 

@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cell.control.checks import ExecutionLimits, fresh_state, stopped
-from cell.control.ticks import TICK_S
-from robots.errors import Failure, FailureKind
-from robots.ports import Array, JointState, Ports
+from foldcell.cell.control.checks import ExecutionLimits, fresh_state, stopped
+from foldcell.cell.control.ticks import TICK_S
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.ports import Array, JointState, Ports
 
 __all__ = ["REST_S", "await_rest", "stand_by"]
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cell.control.ticks import TICK_S
-from robots.ports import Array
+from foldcell.cell.control.ticks import TICK_S
+from foldcell.robots.ports import Array
 
 __all__ = ["LastCommand", "PathRecord", "blend"]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robots.ports import Ports
+from foldcell.robots.ports import Ports
 
 __all__ = ["LOST_S", "TICK_S", "Ticks"]
 

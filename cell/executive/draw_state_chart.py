@@ -12,8 +12,8 @@ from typing import Any
 
 from transitions.extensions import GraphMachine
 
-from cell.states.transition_table import TERMINAL, TRANSITIONS, Event, State
-from robots.errors import ConfigurationError
+from foldcell.cell.states.transition_table import TERMINAL, TRANSITIONS, Event, State
+from foldcell.robots.errors import ConfigurationError
 
 __all__ = ["draw_chart"]
 

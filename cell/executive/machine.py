@@ -12,9 +12,9 @@ from typing import Any
 
 from transitions import Machine, Transition
 
-from cell.states.observers import Step
-from cell.states.transition_table import TERMINAL, TRANSITIONS, Effect, Event, Row, State
-from robots.errors import InternalError
+from foldcell.cell.states.observers import Step
+from foldcell.cell.states.transition_table import TERMINAL, TRANSITIONS, Effect, Event, Row, State
+from foldcell.robots.errors import InternalError
 
 __all__ = ["Executive", "complete_table"]
 

@@ -11,15 +11,15 @@ import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-from cell.control.checks import stopped
-from cell.executive.machine import Executive
-from cell.hardware.workcell import Workcell
-from cell.journal.journal import RunJournal
-from cell.states.commands import ABORTED, ANSWERS, CommandQueue
-from cell.states.observers import FAILING, Observer, Step
-from cell.states.run_context import Result, RunContext, RunEnd
-from cell.states.transition_table import TERMINAL, Effect, Event, State
-from robots.errors import CellError, DriverError, Failure, FailureKind, InternalError, StorageError
+from foldcell.cell.control.checks import stopped
+from foldcell.cell.executive.machine import Executive
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.journal.journal import RunJournal
+from foldcell.cell.states.commands import ABORTED, ANSWERS, CommandQueue
+from foldcell.cell.states.observers import FAILING, Observer, Step
+from foldcell.cell.states.run_context import Result, RunContext, RunEnd
+from foldcell.cell.states.transition_table import TERMINAL, Effect, Event, State
+from foldcell.robots.errors import CellError, DriverError, Failure, FailureKind, InternalError, StorageError
 
 __all__ = ["EffectFunction", "Runner"]
 

@@ -8,24 +8,34 @@ from functools import partial
 
 import numpy as np
 
-from cell.config.cell_settings import MotionConfig
-from cell.config.garments.garment_file import list_garments, load_garment
-from cell.config.trajectory_library.ideal_heights_file import ideal_heights_of
-from cell.config.trajectory_library.library_file import add_entry, entry_of, load_library, user_library_path
-from cell.control.checks import ExecutionLimits
-from cell.hardware.camera import camera_calibration
-from cell.hardware.workcell import Workcell
-from cell.planning.fold_planning import motion_rng
-from cell.states.commands import CommandQueue
-from cell.states.fold_request import FoldRequest
-from cell.view.recorder import Recorder
-from robots.model import RobotModel
-from robots.ports import Ports
-from robots.registry import find_robot
-from skills.garments.garment import Garment
-from skills.motion.validation.collision import BODY_MARGIN, FINGERTIP_MARGIN, TABLE_MARGIN, CollisionChecker
-from skills.trajectory.trajectory_library import Library
-from skills.vocabulary import FoldStep, GraspTrajectory
+from foldcell.cell.config.cell_settings import MotionConfig
+from foldcell.cell.config.garments.garment_file import list_garments, load_garment
+from foldcell.cell.config.trajectory_library.ideal_heights_file import ideal_heights_of
+from foldcell.cell.config.trajectory_library.library_file import (
+    add_entry,
+    entry_of,
+    load_library,
+    user_library_path,
+)
+from foldcell.cell.control.checks import ExecutionLimits
+from foldcell.cell.hardware.camera import camera_calibration
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.planning.fold_planning import motion_rng
+from foldcell.cell.states.commands import CommandQueue
+from foldcell.cell.states.fold_request import FoldRequest
+from foldcell.cell.view.recorder import Recorder
+from foldcell.robots.model import RobotModel
+from foldcell.robots.ports import Ports
+from foldcell.robots.registry import find_robot
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.motion.validation.collision import (
+    BODY_MARGIN,
+    FINGERTIP_MARGIN,
+    TABLE_MARGIN,
+    CollisionChecker,
+)
+from foldcell.skills.trajectory.trajectory_library import Library
+from foldcell.skills.vocabulary import FoldStep, GraspTrajectory
 
 __all__ = ["assemble", "execution_limits"]
 

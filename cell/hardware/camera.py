@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from cell.config.calibration_file import load_camera_calibration
-from cell.config.cell_settings import CellSettings
-from robots.camera_mount import CameraMount, look_at
-from robots.ports import Intrinsics
-from robots.registry import find_robot
-from skills.vocabulary import CameraCalibration, Table, frozen
+from foldcell.cell.config.calibration_file import load_camera_calibration
+from foldcell.cell.config.cell_settings import CellSettings
+from foldcell.robots.camera_mount import CameraMount, look_at
+from foldcell.robots.ports import Intrinsics
+from foldcell.robots.registry import find_robot
+from foldcell.skills.vocabulary import CameraCalibration, Table, frozen
 
 __all__ = ["camera_calibration", "camera_mount", "nominal_calibration"]
 

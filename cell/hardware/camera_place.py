@@ -8,19 +8,19 @@ from itertools import product
 
 import numpy as np
 
-from cell.config.cell_settings import CellSettings
-from cell.hardware.camera import camera_calibration, nominal_calibration
-from cell.hardware.robot_check import PLACES_X, PLACES_Y, view_margins
-from cell.report.pictures.bare_cell import Surroundings, robot_mesh
-from cell.report.pictures.mesh_raster import Lens
-from robots.camera_mount import CameraMount, look_at
-from robots.model import RobotModel
-from robots.ports import Array, CameraFrame
-from robots.registry import find_robot
-from skills.perception.rectification.table_view import TableView
-from skills.perception.segmentation.obstruction import obstructed
-from skills.perception.settings import VIEW_PIXEL
-from skills.vocabulary import CameraCalibration, Failure, Table, frozen
+from foldcell.cell.config.cell_settings import CellSettings
+from foldcell.cell.hardware.camera import camera_calibration, nominal_calibration
+from foldcell.cell.hardware.robot_check import PLACES_X, PLACES_Y, view_margins
+from foldcell.cell.report.pictures.bare_cell import Surroundings, robot_mesh
+from foldcell.cell.report.pictures.mesh_raster import Lens
+from foldcell.robots.camera_mount import CameraMount, look_at
+from foldcell.robots.model import RobotModel
+from foldcell.robots.ports import Array, CameraFrame
+from foldcell.robots.registry import find_robot
+from foldcell.skills.perception.rectification.table_view import TableView
+from foldcell.skills.perception.segmentation.obstruction import obstructed
+from foldcell.skills.perception.settings import VIEW_PIXEL
+from foldcell.skills.vocabulary import CameraCalibration, Failure, Table, frozen
 
 __all__ = [
     "AREA_X", "AREA_Y", "LEAST_SEEN", "LEAST_VIEW_MARGIN", "area_seen", "expected_picture", "hidden_by_robot",

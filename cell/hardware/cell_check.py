@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cell.config.cell_settings import CellSettings
-from cell.config.deciding_setting import overriding_file
-from cell.hardware.camera import camera_calibration, camera_mount
-from cell.hardware.camera_place import (
+from foldcell.cell.config.cell_settings import CellSettings
+from foldcell.cell.config.deciding_setting import overriding_file
+from foldcell.cell.hardware.camera import camera_calibration, camera_mount
+from foldcell.cell.hardware.camera_place import (
     AREA_X,
     AREA_Y,
     LEAST_SEEN,
@@ -20,16 +20,16 @@ from cell.hardware.camera_place import (
     place_in_words,
     place_that_fits,
 )
-from cell.hardware.robot_check import reached_places, view_margins
-from cell.hardware.robot_model import load_robot
-from robots.camera_mount import CameraMount
-from robots.errors import ConfigurationError
-from robots.model import RobotModel
-from robots.ports import Side
-from robots.registry import find_robot
-from robots.robot import Robot
-from skills.motion.validation.collision import CollisionChecker
-from skills.vocabulary import Table, frozen
+from foldcell.cell.hardware.robot_check import reached_places, view_margins
+from foldcell.cell.hardware.robot_model import load_robot
+from foldcell.robots.camera_mount import CameraMount
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.model import RobotModel
+from foldcell.robots.ports import Side
+from foldcell.robots.registry import find_robot
+from foldcell.robots.robot import Robot
+from foldcell.skills.motion.validation.collision import CollisionChecker
+from foldcell.skills.vocabulary import Table, frozen
 
 __all__ = ["Finding", "cell_findings", "refuse_unfit_cell", "robot_findings", "work_area_seen"]
 

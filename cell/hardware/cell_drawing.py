@@ -9,17 +9,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.config.cell_settings import CellSettings
-from cell.hardware.camera import camera_calibration
-from cell.hardware.camera_place import expected_picture
-from cell.hardware.placement import Pose
-from cell.hardware.robot_check import moved_shapes, reached_places
-from cell.report.camera_pictures.projected_drawing import ProjectedDrawing
-from robots.model import RobotModel
-from robots.ports import Array, Side
-from skills.fold_plan.folding import silhouette
-from skills.fold_plan.plan import plan_folds
-from skills.garments.garment import Garment
+from foldcell.cell.config.cell_settings import CellSettings
+from foldcell.cell.hardware.camera import camera_calibration
+from foldcell.cell.hardware.camera_place import expected_picture
+from foldcell.cell.hardware.placement import Pose
+from foldcell.cell.hardware.robot_check import moved_shapes, reached_places
+from foldcell.cell.report.camera_pictures.projected_drawing import ProjectedDrawing
+from foldcell.robots.model import RobotModel
+from foldcell.robots.ports import Array, Side
+from foldcell.skills.fold_plan.folding import silhouette
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.garments.garment import Garment
 
 __all__ = ["draw_cell"]
 

@@ -7,19 +7,19 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from cell.config.cell_settings import CellSettings
-from cell.hardware.camera import camera_mount
-from cell.hardware.driver_names import DRIVERS, is_simulated
-from cell.hardware.robot_model import load_robot
-from cell.simulation import SimulatedCell, SimulationSettings, check_settings, open_simulated_cell
-from cell.support.files.paths import user_cache
-from cell.support.process.lock import OwnerLock
-from robots.errors import ConfigurationError
-from robots.model import JointLimits
-from robots.ports import Attendant, Ports, Stop
-from robots.registry import find_robot
-from robots.robot import Robot
-from robots.ros.driver import RosDriver
+from foldcell.cell.config.cell_settings import CellSettings
+from foldcell.cell.hardware.camera import camera_mount
+from foldcell.cell.hardware.driver_names import DRIVERS, is_simulated
+from foldcell.cell.hardware.robot_model import load_robot
+from foldcell.cell.simulation import SimulatedCell, SimulationSettings, check_settings, open_simulated_cell
+from foldcell.cell.support.files.paths import user_cache
+from foldcell.cell.support.process.lock import OwnerLock
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.model import JointLimits
+from foldcell.robots.ports import Attendant, Ports, Stop
+from foldcell.robots.registry import find_robot
+from foldcell.robots.robot import Robot
+from foldcell.robots.ros.driver import RosDriver
 
 __all__ = [
     "OpenCell",
@@ -118,7 +118,7 @@ def _opened(
     robot = find_robot(settings.robot)
     limits = robot.load_model().protective
     if driver == "emulator":
-        from cell.simulation.emulator.emulated import emulated_cell
+        from foldcell.cell.simulation.emulator.emulated import emulated_cell
 
         with emulated_cell(simulation, seed, _driver_of(robot), settings.ros.settings(), limits) as cell:
             yield OpenCell(cell.ports, cell)
@@ -131,7 +131,7 @@ def _opened(
 def _real(robot: Robot, settings: CellSettings, limits: JointLimits, person: PersonAt) -> Iterator[Ports]:
     """Open the robot's ports. There is one lock per robot, so that runs with different log folders also exclude
     each other."""
-    from robots.ros.node import master_address
+    from foldcell.robots.ros.node import master_address
 
     connect = _driver_of(robot).connect
     uri, host, port = master_address()

@@ -6,13 +6,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.config.cell_settings import CellSettings
-from cell.hardware.camera import camera_calibration
-from robots.errors import Failure
-from robots.ports import Array, CameraFrame
-from skills.garments.garment import Garment
-from skills.perception.perceive import perceive
-from skills.vocabulary import CameraCalibration
+from foldcell.cell.config.cell_settings import CellSettings
+from foldcell.cell.hardware.camera import camera_calibration
+from foldcell.robots.errors import Failure
+from foldcell.robots.ports import Array, CameraFrame
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.perception.perceive import perceive
+from foldcell.skills.vocabulary import CameraCalibration
 
 __all__ = ["own_picture_refused"]
 

@@ -9,17 +9,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.config.cell_settings import CellSettings
-from cell.config.garments.garment_file import list_garments, load_garment
-from cell.hardware.camera import camera_calibration
-from cell.support.files.picture_file import read_depth, read_picture
-from robots.errors import ConfigurationError
-from robots.ports import Array, CameraFrame, Intrinsics, frozen
-from skills.garments.picture_measure import PictureMeasure
-from skills.perception.perceive import Perception, perceive
-from skills.perception.rectification.table_view import TableView
-from skills.perception.segmentation.mask import Segmentation
-from skills.vocabulary import CameraCalibration, Outcome, Table
+from foldcell.cell.config.cell_settings import CellSettings
+from foldcell.cell.config.garments.garment_file import list_garments, load_garment
+from foldcell.cell.hardware.camera import camera_calibration
+from foldcell.cell.support.files.picture_file import read_depth, read_picture
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.ports import Array, CameraFrame, Intrinsics, frozen
+from foldcell.skills.garments.picture_measure import PictureMeasure
+from foldcell.skills.perception.perceive import Perception, perceive
+from foldcell.skills.perception.rectification.table_view import TableView
+from foldcell.skills.perception.segmentation.mask import Segmentation
+from foldcell.skills.vocabulary import CameraCalibration, Outcome, Table
 
 __all__ = [
     "Photograph",

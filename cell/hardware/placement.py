@@ -10,25 +10,25 @@ from pathlib import Path
 
 import numpy as np
 
-from cell.config.cell_settings import CellSettings
-from cell.config.garments.garment_file import load_garment
-from cell.config.garments.new_garment import new_garment_text
-from cell.hardware.camera import camera_calibration
-from cell.hardware.cell_check import refuse_unfit_cell
-from cell.hardware.robot_model import load_robot
-from cell.planning.fold_planning import motion_rng
-from cell.support.files.whole_file import write_whole
-from robots.errors import ConfigurationError
-from robots.model import RobotModel
-from robots.ports import Array
-from skills.fold_plan.plan import plan_folds
-from skills.garments.garment import Garment, PoseRange
-from skills.garments.picture_measure import fitted_template
-from skills.motion.moves.fold import plan_fold_motion
-from skills.motion.validation.collision import CollisionChecker
-from skills.perception.rectification.table_view import TableView
-from skills.perception.settings import VIEW_BORDER
-from skills.trajectory.plain_arc import plain_paths
+from foldcell.cell.config.cell_settings import CellSettings
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.config.garments.new_garment import new_garment_text
+from foldcell.cell.hardware.camera import camera_calibration
+from foldcell.cell.hardware.cell_check import refuse_unfit_cell
+from foldcell.cell.hardware.robot_model import load_robot
+from foldcell.cell.planning.fold_planning import motion_rng
+from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.model import RobotModel
+from foldcell.robots.ports import Array
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.garments.garment import Garment, PoseRange
+from foldcell.skills.garments.picture_measure import fitted_template
+from foldcell.skills.motion.moves.fold import plan_fold_motion
+from foldcell.skills.motion.validation.collision import CollisionChecker
+from foldcell.skills.perception.rectification.table_view import TableView
+from foldcell.skills.perception.settings import VIEW_BORDER
+from foldcell.skills.trajectory.plain_arc import plain_paths
 
 __all__ = [
     "PlacedFold", "Pose", "fitting_pose", "fitting_poses", "placed_folds", "pose_that_folds", "refuse_too_large",

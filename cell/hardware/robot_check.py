@@ -10,12 +10,12 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from robots.camera_mount import CameraMount
-from robots.model import RobotModel
-from robots.ports import Array, Side
-from skills.motion.kinematics import ik
-from skills.motion.validation.collision import CollisionChecker
-from skills.vocabulary import Table, tool_rotation
+from foldcell.robots.camera_mount import CameraMount
+from foldcell.robots.model import RobotModel
+from foldcell.robots.ports import Array, Side
+from foldcell.skills.motion.kinematics import ik
+from foldcell.skills.motion.validation.collision import CollisionChecker
+from foldcell.skills.vocabulary import Table, tool_rotation
 
 __all__ = ["moved_shapes", "reached_places", "view_margins"]
 

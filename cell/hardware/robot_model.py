@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import lru_cache
 
-from cell.config.cell_settings import CellSettings
-from robots.errors import ConfigurationError
-from robots.model import RobotModel
-from robots.ports import Side
-from robots.registry import find_robot
-from skills.vocabulary import frozen
+from foldcell.cell.config.cell_settings import CellSettings
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.model import RobotModel
+from foldcell.robots.ports import Side
+from foldcell.robots.registry import find_robot
+from foldcell.skills.vocabulary import frozen
 
 __all__ = ["load_robot"]
 

@@ -9,25 +9,25 @@ from typing import TypeVar
 
 import numpy as np
 
-from cell.config.cell_settings import CellSettings
-from cell.control.checks import ExecutionLimits, stopped
-from cell.control.hand_record import HandRecord
-from cell.control.loop import ControlLoop
-from cell.control.motions.hands import Hands
-from cell.control.set_points import LastCommand, PathRecord
-from cell.states.commands import CommandQueue
-from cell.view.recorder import Recorder
-from robots.errors import DriverError, FailureKind
-from robots.model import JointLimits, RobotModel
-from robots.ports import Ports, Stop
-from skills.fold_plan.ideal_heights import IdealFoldHeights
-from skills.garments.garment import Garment
-from skills.grasping.settings import GraspSettings
-from skills.motion.validation.collision import CollisionChecker
-from skills.perception.inspection.inspect import InspectionSettings
-from skills.perception.settings import PerceptionSettings
-from skills.trajectory.trajectory_library import Library
-from skills.vocabulary import CameraCalibration, FoldStep, GraspTrajectory, Table
+from foldcell.cell.config.cell_settings import CellSettings
+from foldcell.cell.control.checks import ExecutionLimits, stopped
+from foldcell.cell.control.hand_record import HandRecord
+from foldcell.cell.control.loop import ControlLoop
+from foldcell.cell.control.motions.hands import Hands
+from foldcell.cell.control.set_points import LastCommand, PathRecord
+from foldcell.cell.states.commands import CommandQueue
+from foldcell.cell.view.recorder import Recorder
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.model import JointLimits, RobotModel
+from foldcell.robots.ports import Ports, Stop
+from foldcell.skills.fold_plan.ideal_heights import IdealFoldHeights
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.grasping.settings import GraspSettings
+from foldcell.skills.motion.validation.collision import CollisionChecker
+from foldcell.skills.perception.inspection.inspect import InspectionSettings
+from foldcell.skills.perception.settings import PerceptionSettings
+from foldcell.skills.trajectory.trajectory_library import Library
+from foldcell.skills.vocabulary import CameraCalibration, FoldStep, GraspTrajectory, Table
 
 __all__ = ["Workcell"]
 

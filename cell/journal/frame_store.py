@@ -11,10 +11,10 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from cell.support.files.packing import packed
-from cell.support.files.whole_file import write_whole
-from robots.errors import StorageError
-from robots.ports import CameraFrame, Intrinsics, frozen
+from foldcell.cell.support.files.packing import packed
+from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.robots.errors import StorageError
+from foldcell.robots.ports import CameraFrame, Intrinsics, frozen
 
 __all__ = ["FRAMES", "FrameStore"]
 

@@ -21,10 +21,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from cell.support.files.paths import new_folder
-from cell.support.json_values import to_json
-from cell.support.process.lock import OwnerLock, is_held
-from robots.errors import CellError, ConfigurationError, InternalError, StorageError
+from foldcell.cell.support.files.paths import new_folder
+from foldcell.cell.support.json_values import to_json
+from foldcell.cell.support.process.lock import OwnerLock, is_held
+from foldcell.robots.errors import CellError, ConfigurationError, InternalError, StorageError
 
 __all__ = ["NOT_BEGUN", "Entry", "Intent", "Journal", "JournalRun", "RunJournal", "performed", "to_json"]
 

@@ -23,19 +23,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.journal.checkpoint_file import CONTEXT
-from cell.journal.frame_store import FrameStore
-from cell.states.run_context import RunContext
-from cell.support.files.whole_file import write_whole
-from robots.errors import ConfigurationError, InternalError, StorageError
-from robots.ports import CameraFrame, frozen
+from foldcell.cell.journal.checkpoint_file import CONTEXT
+from foldcell.cell.journal.frame_store import FrameStore
+from foldcell.cell.states.run_context import RunContext
+from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.robots.errors import ConfigurationError, InternalError, StorageError
+from foldcell.robots.ports import CameraFrame, frozen
 
 __all__ = ["read_checkpoint", "write_checkpoint"]
 
 SCHEMA = 4
 LARGE = 2**16
 """Arrays of at least this size [bytes] get separate files, because most of them do not change between effects."""
-_OURS = ("cell.", "robots.", "skills.")
+_OURS = ("foldcell.cell.", "foldcell.robots.", "foldcell.skills.")
 _ARRAYS = frozenset(
     {
         ("numpy", "dtype"),
@@ -158,7 +158,9 @@ def _array_path(folder: Path, name: str) -> Path:
 def _is_value(kind: type) -> bool:
     """Whether a pickle may create this type. All types of the package `skills` are allowed, because that package
     contains only pure functions and values. Of the other packages, only dataclasses and enums are allowed."""
-    return kind.__module__.startswith("skills.") or dataclasses.is_dataclass(kind) or issubclass(kind, Enum)
+    return (
+        kind.__module__.startswith("foldcell.skills.") or dataclasses.is_dataclass(kind) or issubclass(kind, Enum)
+    )
 
 
 def _our_type(module: str, name: str) -> type:

@@ -21,7 +21,7 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.routing import BaseRoute, Mount
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from robots.errors import StorageError
+from foldcell.robots.errors import StorageError
 
 __all__ = ["content_policy", "open_listener", "origins", "served"]
 

@@ -8,15 +8,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robots.ports import Array
-from skills.cloth.predict import FoldPrediction
-from skills.fold_plan.folding import fold_xy
-from skills.garments.garment import Garment
-from skills.perception.inspection.claim_settings import ClaimSettings
-from skills.scoring.score import named_edge_pairs
-from skills.scoring.verdict import Score, ScoreLimits
-from skills.trajectory.search.acceptance import judge_prediction
-from skills.vocabulary import FoldLine, FoldStep, GraspId
+from foldcell.robots.ports import Array
+from foldcell.skills.cloth.predict import FoldPrediction
+from foldcell.skills.fold_plan.folding import fold_xy
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.perception.inspection.claim_settings import ClaimSettings
+from foldcell.skills.scoring.score import named_edge_pairs
+from foldcell.skills.scoring.verdict import Score, ScoreLimits
+from foldcell.skills.trajectory.search.acceptance import judge_prediction
+from foldcell.skills.vocabulary import FoldLine, FoldStep, GraspId
 
 __all__ = ["Reason", "claim_limits", "judge_edges", "judge_fold", "judge_hands"]
 

@@ -7,21 +7,21 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cell.config.cell_settings import CellSettings
-from robots.model import JointLimits, RobotModel
-from robots.ports import Array, Side
-from skills.cloth.mesh import ClothMesh
-from skills.cloth.pinch import Patch
-from skills.cloth.predict import FoldPrediction, predict_fold
-from skills.garments.garment import Garment
-from skills.motion.kinematics.posture import Posture
-from skills.motion.moves.fold import FoldMotion, plan_fold_motion
-from skills.motion.validation.collision import CollisionChecker
-from skills.trajectory.arcs.paths import after_lift
-from skills.trajectory.search.optimise import ClothPredictor, Progress, Watch, optimise_fold
-from skills.trajectory.search.problem import Predictor
-from skills.trajectory.trajectory_library import Library, lookup, trajectory_from
-from skills.vocabulary import FoldStep, GraspId, GraspTrajectory, Outcome, ToolPath
+from foldcell.cell.config.cell_settings import CellSettings
+from foldcell.robots.model import JointLimits, RobotModel
+from foldcell.robots.ports import Array, Side
+from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.cloth.pinch import Patch
+from foldcell.skills.cloth.predict import FoldPrediction, predict_fold
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.motion.kinematics.posture import Posture
+from foldcell.skills.motion.moves.fold import FoldMotion, plan_fold_motion
+from foldcell.skills.motion.validation.collision import CollisionChecker
+from foldcell.skills.trajectory.arcs.paths import after_lift
+from foldcell.skills.trajectory.search.optimise import ClothPredictor, Progress, Watch, optimise_fold
+from foldcell.skills.trajectory.search.problem import Predictor
+from foldcell.skills.trajectory.trajectory_library import Library, lookup, trajectory_from
+from foldcell.skills.vocabulary import FoldStep, GraspId, GraspTrajectory, Outcome, ToolPath
 
 __all__ = [
     "motion_rng",

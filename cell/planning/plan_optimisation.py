@@ -7,15 +7,15 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 
-from cell.config.cell_settings import CellSettings
-from cell.planning.fold_planning import search_trajectory
-from robots.errors import ConfigurationError
-from skills.fold_plan.crease_mesh import predictor_mesh
-from skills.fold_plan.plan import plan_folds
-from skills.garments.garment import Garment
-from skills.trajectory.arcs.paths import lifted, tool_paths
-from skills.trajectory.search.optimise import METHODS, ClothPredictor
-from skills.vocabulary import FoldStep, GraspId, GraspTrajectory, Outcome, ToolPath
+from foldcell.cell.config.cell_settings import CellSettings
+from foldcell.cell.planning.fold_planning import search_trajectory
+from foldcell.robots.errors import ConfigurationError
+from foldcell.skills.fold_plan.crease_mesh import predictor_mesh
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.trajectory.arcs.paths import lifted, tool_paths
+from foldcell.skills.trajectory.search.optimise import METHODS, ClothPredictor
+from foldcell.skills.vocabulary import FoldStep, GraspId, GraspTrajectory, Outcome, ToolPath
 
 __all__ = ["StepOptimisation", "check_step", "optimise_plan"]
 

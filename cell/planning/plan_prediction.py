@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cell.config.cell_settings import CellSettings
-from cell.planning.fold_judgement import Reason, claim_limits, judge_edges, judge_fold, judge_hands
-from cell.planning.fold_planning import (
+from foldcell.cell.config.cell_settings import CellSettings
+from foldcell.cell.planning.fold_judgement import Reason, claim_limits, judge_edges, judge_fold, judge_hands
+from foldcell.cell.planning.fold_planning import (
     motion_rng,
     plan_arms,
     predict_motion,
@@ -20,26 +20,26 @@ from cell.planning.fold_planning import (
     stored_trajectory,
     tool_speed,
 )
-from robots.errors import CellError, ConfigurationError
-from robots.model import RobotModel
-from robots.ports import Array
-from skills.cloth.mesh import ClothMesh
-from skills.fold_plan.crease_mesh import predictor_mesh
-from skills.fold_plan.folding import silhouette, target_vertices
-from skills.fold_plan.ideal_heights import IdealFoldHeights, ideal_fold_heights
-from skills.fold_plan.plan import plan_folds
-from skills.garments.garment import Garment
-from skills.motion.validation.collision import CollisionChecker
-from skills.scoring.alignment import FinalGarment
-from skills.scoring.score import keypoint_offsets, named_edge_pairs, score
-from skills.scoring.verdict import IdealHeights, Score
-from skills.trajectory.arcs.paths import lifted, tool_paths
-from skills.trajectory.plain_arc import plain_trajectory
-from skills.trajectory.search.acceptance import acceptance_limit
-from skills.trajectory.search.objective import dissimilarity
-from skills.trajectory.search.problem import Candidate
-from skills.trajectory.trajectory_library import Library
-from skills.vocabulary import FoldStep, GarmentState, GraspId, GraspTrajectory, PredictedShape, ToolPath
+from foldcell.robots.errors import CellError, ConfigurationError
+from foldcell.robots.model import RobotModel
+from foldcell.robots.ports import Array
+from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.fold_plan.crease_mesh import predictor_mesh
+from foldcell.skills.fold_plan.folding import silhouette, target_vertices
+from foldcell.skills.fold_plan.ideal_heights import IdealFoldHeights, ideal_fold_heights
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.motion.validation.collision import CollisionChecker
+from foldcell.skills.scoring.alignment import FinalGarment
+from foldcell.skills.scoring.score import keypoint_offsets, named_edge_pairs, score
+from foldcell.skills.scoring.verdict import IdealHeights, Score
+from foldcell.skills.trajectory.arcs.paths import lifted, tool_paths
+from foldcell.skills.trajectory.plain_arc import plain_trajectory
+from foldcell.skills.trajectory.search.acceptance import acceptance_limit
+from foldcell.skills.trajectory.search.objective import dissimilarity
+from foldcell.skills.trajectory.search.problem import Candidate
+from foldcell.skills.trajectory.trajectory_library import Library
+from foldcell.skills.vocabulary import FoldStep, GarmentState, GraspId, GraspTrajectory, PredictedShape, ToolPath
 
 __all__ = ["PlanPrediction", "PredictedFold", "predict_plan"]
 

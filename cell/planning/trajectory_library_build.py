@@ -16,16 +16,16 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib import metadata
 
-from cell.config.trajectory_library.library_file import entry_of
-from skills.cloth.mesh import ClothMesh
-from skills.fold_plan.crease_mesh import predictor_mesh
-from skills.fold_plan.plan import plan_folds
-from skills.garments.garment import Garment
-from skills.trajectory.arcs.paths import LIFT_HEIGHT, lifted, tool_paths
-from skills.trajectory.search.optimise import METHODS, ClothPredictor, optimise_fold
-from skills.trajectory.search.problem import Predictor
-from skills.trajectory.trajectory_library import Library, LibraryEntry, trajectory_from
-from skills.vocabulary import Array, Failure, FoldStep, GraspId, Material, ToolPath
+from foldcell.cell.config.trajectory_library.library_file import entry_of
+from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.fold_plan.crease_mesh import predictor_mesh
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.trajectory.arcs.paths import LIFT_HEIGHT, lifted, tool_paths
+from foldcell.skills.trajectory.search.optimise import METHODS, ClothPredictor, optimise_fold
+from foldcell.skills.trajectory.search.problem import Predictor
+from foldcell.skills.trajectory.trajectory_library import Library, LibraryEntry, trajectory_from
+from foldcell.skills.vocabulary import Array, Failure, FoldStep, GraspId, Material, ToolPath
 
 __all__ = ["BuildProgress", "BuiltStep", "build_library"]
 

@@ -8,11 +8,11 @@ from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
-from cell.config.trajectory_library.library_file import alone_with, write_text
-from robots.errors import StorageError
-from skills.garments.garment import Garment
-from skills.trajectory.arcs.paths import LIFT_HEIGHT
-from skills.trajectory.trajectory_library import Library, LibraryEntry, from_json, to_json
+from foldcell.cell.config.trajectory_library.library_file import alone_with, write_text
+from foldcell.robots.errors import StorageError
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.trajectory.arcs.paths import LIFT_HEIGHT
+from foldcell.skills.trajectory.trajectory_library import Library, LibraryEntry, from_json, to_json
 
 __all__ = ["UnfinishedBuild"]
 

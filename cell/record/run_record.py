@@ -20,13 +20,13 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, TypeAdapter, ValidationError
 
-from cell.states.transition_table import State
-from cell.support.files.whole_file import write_whole
-from cell.support.json_values import to_json
-from cell.support.process.terminations import BY_SIGNAL
-from robots.errors import FailureKind, StorageError
-from skills.perception.inspection.claim import Claim
-from skills.scoring.verdict import Figure, Score
+from foldcell.cell.states.transition_table import State
+from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.cell.support.json_values import to_json
+from foldcell.cell.support.process.terminations import BY_SIGNAL
+from foldcell.robots.errors import FailureKind, StorageError
+from foldcell.skills.perception.inspection.claim import Claim
+from foldcell.skills.scoring.verdict import Figure, Score
 
 __all__ = [
     "EXIT_CODES",

@@ -8,8 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cell.config.deciding_setting import deciding_setting
-from cell.record.run_record import (
+from foldcell.cell.config.deciding_setting import deciding_setting
+from foldcell.cell.record.run_record import (
     NOTHING_LOST,
     FailureRecord,
     FoldRecord,
@@ -22,14 +22,14 @@ from cell.record.run_record import (
     ScoreRecord,
     known,
 )
-from cell.record.words import COMMANDS, plain, recovery_in_words
-from cell.states.fold_request import FoldRequest
-from cell.states.observers import FAILING, Step
-from cell.states.run_context import Result, RunContext, RunEnd
-from cell.states.stages import FoldNote
-from cell.states.transition_table import Effect, Event, State
-from robots.ports import Side
-from skills.scoring.verdict import Score
+from foldcell.cell.record.words import COMMANDS, plain, recovery_in_words
+from foldcell.cell.states.fold_request import FoldRequest
+from foldcell.cell.states.observers import FAILING, Step
+from foldcell.cell.states.run_context import Result, RunContext, RunEnd
+from foldcell.cell.states.stages import FoldNote
+from foldcell.cell.states.transition_table import Effect, Event, State
+from foldcell.robots.ports import Side
+from foldcell.skills.scoring.verdict import Score
 
 __all__ = ["RunRecordBuilder"]
 

@@ -9,10 +9,10 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 
-from cell.record.run_record import FoldRecord, RecordingLosses, RunRecord, ScoreRecord
-from cell.states.recovery_table import Adjustment, Laying
-from cell.states.transition_table import Event, State
-from skills.perception.inspection.claim import Claim
+from foldcell.cell.record.run_record import FoldRecord, RecordingLosses, RunRecord, ScoreRecord
+from foldcell.cell.states.recovery_table import Adjustment, Laying
+from foldcell.cell.states.transition_table import Event, State
+from foldcell.skills.perception.inspection.claim import Claim
 
 __all__ = [
     "COMMANDS",

@@ -10,16 +10,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.record.words import COMMANDS, laying_in_words, plain, recovery_in_words
-from cell.report.camera_pictures.projected_drawing import ProjectedDrawing
-from cell.report.camera_pictures.question_picture import OUTLINE, draw_failure, draw_plan
-from cell.states.observers import FAILING, Step
-from cell.states.run_context import Result, RunContext
-from cell.states.transition_table import Effect, Event
-from robots.errors import Failure
-from robots.ports import Array, CameraFrame
-from skills.fold_figures.outline import outline
-from skills.vocabulary import CameraCalibration
+from foldcell.cell.record.words import COMMANDS, laying_in_words, plain, recovery_in_words
+from foldcell.cell.report.camera_pictures.projected_drawing import ProjectedDrawing
+from foldcell.cell.report.camera_pictures.question_picture import OUTLINE, draw_failure, draw_plan
+from foldcell.cell.states.observers import FAILING, Step
+from foldcell.cell.states.run_context import Result, RunContext
+from foldcell.cell.states.transition_table import Effect, Event
+from foldcell.robots.errors import Failure
+from foldcell.robots.ports import Array, CameraFrame
+from foldcell.skills.fold_figures.outline import outline
+from foldcell.skills.vocabulary import CameraCalibration
 
 __all__ = ["FailureStories", "FailureStory", "Scene"]
 

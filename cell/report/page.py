@@ -18,17 +18,17 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from cell.config.cell_settings import CellSettings, load_settings
-from cell.config.changed_settings import changed_settings
-from cell.record import words
-from cell.record.run_record import RunRecord
-from cell.report.failure_stories import FailureStory
-from cell.report.pictures.outline_drawing import outline_drawing
-from cell.states.state_chart import marked_chart
-from cell.states.transition_table import State
-from cell.support.files.html_page import page_template
-from cell.support.json_values import flattened
-from robots.ports import Array
+from foldcell.cell.config.cell_settings import CellSettings, load_settings
+from foldcell.cell.config.changed_settings import changed_settings
+from foldcell.cell.record import words
+from foldcell.cell.record.run_record import RunRecord
+from foldcell.cell.report.failure_stories import FailureStory
+from foldcell.cell.report.pictures.outline_drawing import outline_drawing
+from foldcell.cell.states.state_chart import marked_chart
+from foldcell.cell.states.transition_table import State
+from foldcell.cell.support.files.html_page import page_template
+from foldcell.cell.support.json_values import flattened
+from foldcell.robots.ports import Array
 
 __all__ = ["FILM", "FoldPictures", "Picture", "ReportPictures", "render"]
 

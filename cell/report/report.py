@@ -11,29 +11,29 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.config.cell_settings import CellSettings
-from cell.planning.fold_planning import PREDICTED_FRAMES
-from cell.record.run_record import RunRecord
-from cell.record.words import garment_name, length, plain
-from cell.report.camera_pictures.question_files import FOLDER as QUESTIONS_FOLDER
-from cell.report.failure_stories import FailureStory
-from cell.report.page import FILM, FoldPictures, Picture, ReportPictures, render
-from cell.report.pictures.fold_pictures import KeyFrame, fold_strip, join
-from cell.report.pictures.height_map import TICK, height_maps
-from cell.report.pictures.recorded_holds import TrueFrame, spread
-from cell.report.pictures.run_drawing import (
+from foldcell.cell.config.cell_settings import CellSettings
+from foldcell.cell.planning.fold_planning import PREDICTED_FRAMES
+from foldcell.cell.record.run_record import RunRecord
+from foldcell.cell.record.words import garment_name, length, plain
+from foldcell.cell.report.camera_pictures.question_files import FOLDER as QUESTIONS_FOLDER
+from foldcell.cell.report.failure_stories import FailureStory
+from foldcell.cell.report.page import FILM, FoldPictures, Picture, ReportPictures, render
+from foldcell.cell.report.pictures.fold_pictures import KeyFrame, fold_strip, join
+from foldcell.cell.report.pictures.height_map import TICK, height_maps
+from foldcell.cell.report.pictures.recorded_holds import TrueFrame, spread
+from foldcell.cell.report.pictures.run_drawing import (
     RunDrawing,
     draw_attempts,
     film_note,
     film_of_run,
     run_drawing,
 )
-from cell.report.pictures.run_film import SIZE, DrawnHold
-from cell.states.run_context import RunContext
-from cell.states.stages import FoldNote
-from cell.support.files.whole_file import write_whole
-from skills.fold_figures.outline import outline
-from skills.vocabulary import CameraCalibration
+from foldcell.cell.report.pictures.run_film import SIZE, DrawnHold
+from foldcell.cell.states.run_context import RunContext
+from foldcell.cell.states.stages import FoldNote
+from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.skills.fold_figures.outline import outline
+from foldcell.skills.vocabulary import CameraCalibration
 
 __all__ = ["TrueFrame", "report"]
 

@@ -14,19 +14,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cell.hardware.driver_names import is_simulated
-from cell.journal.checkpoint_file import CHECKPOINT
-from cell.journal.frame_store import FRAMES, FrameStore
-from cell.journal.journal import Journal
-from cell.journal.run_checkpoint import read_checkpoint, write_checkpoint
-from cell.runs.reentry import reentered, reentry_event
-from cell.runs.request_file import load_request
-from cell.runs.resumable import check_resumable, last_begun
-from cell.states.fold_request import FoldRequest
-from cell.states.run_context import RunContext
-from cell.states.transition_table import State
-from cell.support.files.whole_file import write_whole
-from robots.errors import ConfigurationError, StorageError
+from foldcell.cell.hardware.driver_names import is_simulated
+from foldcell.cell.journal.checkpoint_file import CHECKPOINT
+from foldcell.cell.journal.frame_store import FRAMES, FrameStore
+from foldcell.cell.journal.journal import Journal
+from foldcell.cell.journal.run_checkpoint import read_checkpoint, write_checkpoint
+from foldcell.cell.runs.reentry import reentered, reentry_event
+from foldcell.cell.runs.request_file import load_request
+from foldcell.cell.runs.resumable import check_resumable, last_begun
+from foldcell.cell.states.fold_request import FoldRequest
+from foldcell.cell.states.run_context import RunContext
+from foldcell.cell.states.transition_table import State
+from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.robots.errors import ConfigurationError, StorageError
 
 __all__ = ["CheckpointWriter", "Interrupted", "interrupted_run"]
 

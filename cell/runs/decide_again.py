@@ -18,27 +18,27 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Self
 
-from cell.executive.effects import EFFECTS
-from cell.executive.runner import Runner
-from cell.hardware.assembly import assemble
-from cell.hardware.robot_model import load_robot
-from cell.hardware.workcell import Workcell
-from cell.journal.journal import Entry, Journal, JournalRun
-from cell.record.run_record import record_of
-from cell.runs.resumable import RESUMED_FROM
-from cell.runs.run_inputs import initial_checkpoint, restored_request
-from cell.states.commands import CommandQueue
-from cell.states.fold_request import FoldRequest
-from cell.states.observers import Observer, Step
-from cell.states.run_context import Result, RunContext, RunEnd
-from cell.states.transition_table import Event, State
-from cell.support.files.paths import journal_path
-from cell.support.json_values import flattened
-from cell.transcript.channels import Channel
-from cell.transcript.replay_ports import NoRecordedAnswer, RecordedAnswers
-from cell.transcript.transcript import TRANSCRIPT, Transcript
-from cell.view.recorder import Recorder
-from robots.errors import ConfigurationError, FailureKind, StorageError
+from foldcell.cell.executive.effects import EFFECTS
+from foldcell.cell.executive.runner import Runner
+from foldcell.cell.hardware.assembly import assemble
+from foldcell.cell.hardware.robot_model import load_robot
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.journal.journal import Entry, Journal, JournalRun
+from foldcell.cell.record.run_record import record_of
+from foldcell.cell.runs.resumable import RESUMED_FROM
+from foldcell.cell.runs.run_inputs import initial_checkpoint, restored_request
+from foldcell.cell.states.commands import CommandQueue
+from foldcell.cell.states.fold_request import FoldRequest
+from foldcell.cell.states.observers import Observer, Step
+from foldcell.cell.states.run_context import Result, RunContext, RunEnd
+from foldcell.cell.states.transition_table import Event, State
+from foldcell.cell.support.files.paths import journal_path
+from foldcell.cell.support.json_values import flattened
+from foldcell.cell.transcript.channels import Channel
+from foldcell.cell.transcript.replay_ports import NoRecordedAnswer, RecordedAnswers
+from foldcell.cell.transcript.transcript import TRANSCRIPT, Transcript
+from foldcell.cell.view.recorder import Recorder
+from foldcell.robots.errors import ConfigurationError, FailureKind, StorageError
 
 __all__ = ["Deviation", "Verdict", "changed_versions", "decide_again", "first_difference"]
 
@@ -94,7 +94,7 @@ def decide_again(
     progress: Callable[[int, int, str], None] = lambda done, total, remark: None,
 ) -> Verdict:
     """Replay a run that has ended, from its beginning. entries: the run's lines in the journal. tell, progress: as
-    in `cell.hardware.assembly.assemble`.
+    in `foldcell.cell.hardware.assembly.assemble`.
 
     Raises ConfigurationError if the run cannot be set up as it was, StorageError if its transcript or a picture is
     missing or damaged.

@@ -13,36 +13,36 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 
-from cell.executive.effects import EFFECTS
-from cell.executive.runner import Runner
-from cell.hardware.assembly import assemble
-from cell.hardware.camera import camera_calibration
-from cell.hardware.driver import OpenCell, PersonAt, check_cell, opened_cell, simulation_settings
-from cell.hardware.driver_names import is_simulated
-from cell.hardware.placement import refuse_unfit_folds
-from cell.hardware.robot_model import load_robot
-from cell.journal.journal import RunJournal
-from cell.operator.progress.compiling import report_compilation
-from cell.operator.terminal.attendant import PersonAttendant
-from cell.operator.terminal.keys import check_terminal
-from cell.record.run_record import FailureRecord, RecordingLosses, RunRecord, write_record
-from cell.runs.checkpoint_writer import CheckpointWriter, Interrupted
-from cell.runs.compiling_ahead import compiling_ahead
-from cell.runs.ownership import VERSIONED, begun_run, owned_cell
-from cell.runs.request_file import keep_request
-from cell.runs.resumable import RESUMED_FROM, check_resumable
-from cell.runs.run_inputs import keep_run_inputs
-from cell.runs.run_observers import RunObservers, page_listener
-from cell.simulation import SimulationSettings
-from cell.states.commands import CommandQueue
-from cell.states.fold_request import FoldRequest
-from cell.states.observers import Observer
-from cell.states.run_context import RunContext, RunEnd
-from cell.states.transition_table import Event, State
-from cell.support.process.interrupts import Interrupts
-from robots.errors import FailureKind, StorageError
-from robots.ports import Ports, Stop
-from skills.scoring.verdict import Score
+from foldcell.cell.executive.effects import EFFECTS
+from foldcell.cell.executive.runner import Runner
+from foldcell.cell.hardware.assembly import assemble
+from foldcell.cell.hardware.camera import camera_calibration
+from foldcell.cell.hardware.driver import OpenCell, PersonAt, check_cell, opened_cell, simulation_settings
+from foldcell.cell.hardware.driver_names import is_simulated
+from foldcell.cell.hardware.placement import refuse_unfit_folds
+from foldcell.cell.hardware.robot_model import load_robot
+from foldcell.cell.journal.journal import RunJournal
+from foldcell.cell.operator.progress.compiling import report_compilation
+from foldcell.cell.operator.terminal.attendant import PersonAttendant
+from foldcell.cell.operator.terminal.keys import check_terminal
+from foldcell.cell.record.run_record import FailureRecord, RecordingLosses, RunRecord, write_record
+from foldcell.cell.runs.checkpoint_writer import CheckpointWriter, Interrupted
+from foldcell.cell.runs.compiling_ahead import compiling_ahead
+from foldcell.cell.runs.ownership import VERSIONED, begun_run, owned_cell
+from foldcell.cell.runs.request_file import keep_request
+from foldcell.cell.runs.resumable import RESUMED_FROM, check_resumable
+from foldcell.cell.runs.run_inputs import keep_run_inputs
+from foldcell.cell.runs.run_observers import RunObservers, page_listener
+from foldcell.cell.simulation import SimulationSettings
+from foldcell.cell.states.commands import CommandQueue
+from foldcell.cell.states.fold_request import FoldRequest
+from foldcell.cell.states.observers import Observer
+from foldcell.cell.states.run_context import RunContext, RunEnd
+from foldcell.cell.states.transition_table import Event, State
+from foldcell.cell.support.process.interrupts import Interrupts
+from foldcell.robots.errors import FailureKind, StorageError
+from foldcell.robots.ports import Ports, Stop
+from foldcell.skills.scoring.verdict import Score
 
 __all__ = ["FoldRequest", "fold_once"]
 
@@ -163,7 +163,7 @@ def _with_files(request: FoldRequest, record: RunRecord, context: RunContext, wa
     try:
         write_record(record)
         if request.record:
-            from cell.report.report import report
+            from foldcell.cell.report.report import report
 
             truth = watching.truth
             frames, triangles = (truth.key_frames, truth.triangles) if truth else ([], None)

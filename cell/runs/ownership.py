@@ -7,12 +7,12 @@ from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
 
-from cell.config.cell_settings import CellSettings
-from cell.journal.journal import Journal, RunJournal
-from cell.support.files.paths import journal_path
-from cell.support.process.interrupts import Interrupts, taking_signals
-from cell.support.process.lock import OwnerLock
-from robots.errors import CellError
+from foldcell.cell.config.cell_settings import CellSettings
+from foldcell.cell.journal.journal import Journal, RunJournal
+from foldcell.cell.support.files.paths import journal_path
+from foldcell.cell.support.process.interrupts import Interrupts, taking_signals
+from foldcell.cell.support.process.lock import OwnerLock
+from foldcell.robots.errors import CellError
 
 __all__ = ["VERSIONED", "begun_run", "owned_cell"]
 

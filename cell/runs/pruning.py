@@ -7,14 +7,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from cell.journal.checkpoint_file import CHECKPOINT, has_checkpoint
-from cell.journal.frame_store import FRAMES
-from cell.journal.journal import Journal, JournalRun
-from cell.runs.checkpoint_writer import WORLD
-from cell.runs.resumable import resumable
-from cell.runs.run_inputs import BEGAN_WITH
-from cell.support.files.paths import JOURNAL_FILE
-from robots.errors import StorageError
+from foldcell.cell.journal.checkpoint_file import CHECKPOINT, has_checkpoint
+from foldcell.cell.journal.frame_store import FRAMES
+from foldcell.cell.journal.journal import Journal, JournalRun
+from foldcell.cell.runs.checkpoint_writer import WORLD
+from foldcell.cell.runs.resumable import resumable
+from foldcell.cell.runs.run_inputs import BEGAN_WITH
+from foldcell.cell.support.files.paths import JOURNAL_FILE
+from foldcell.robots.errors import StorageError
 
 __all__ = ["RECORDINGS", "PrunableRun", "prunable_runs", "prune"]
 

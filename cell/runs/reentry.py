@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from cell.states.run_context import RunContext
-from cell.states.transition_table import HANDS_CARRY_CLOTH, REENTRIES, Event, State
+from foldcell.cell.states.run_context import RunContext
+from foldcell.cell.states.transition_table import HANDS_CARRY_CLOTH, REENTRIES, Event, State
 
 __all__ = ["reentered", "reentry_event"]
 

@@ -12,11 +12,11 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from cell.config.cell_settings import CellSettings, load_settings
-from cell.config.garments.garment_file import garment_path, list_garments
-from cell.states.fold_request import FoldRequest
-from cell.support.files.whole_file import write_whole
-from robots.errors import ConfigurationError, StorageError
+from foldcell.cell.config.cell_settings import CellSettings, load_settings
+from foldcell.cell.config.garments.garment_file import garment_path, list_garments
+from foldcell.cell.states.fold_request import FoldRequest
+from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.robots.errors import ConfigurationError, StorageError
 
 __all__ = ["SETTINGS", "keep_request", "load_request"]
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from cell.hardware.driver_names import is_simulated
-from cell.journal.checkpoint_file import has_checkpoint
-from cell.journal.journal import Journal
-from robots.errors import ConfigurationError
+from foldcell.cell.hardware.driver_names import is_simulated
+from foldcell.cell.journal.checkpoint_file import has_checkpoint
+from foldcell.cell.journal.journal import Journal
+from foldcell.robots.errors import ConfigurationError
 
 __all__ = ["RESUMED_FROM", "check_resumable", "last_begun", "resumable"]
 

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from cell.journal.journal import Entry, Intent, JournalRun, performed
-from cell.runs.request_file import SETTINGS
-from cell.support.json_values import flattened
+from foldcell.cell.journal.journal import Entry, Intent, JournalRun, performed
+from foldcell.cell.runs.request_file import SETTINGS
+from foldcell.cell.support.json_values import flattened
 
 __all__ = ["Decision", "Difference", "RunDifference", "run_difference"]
 
@@ -80,7 +80,7 @@ def _decision(intent: Intent) -> Decision:
 
 def _settings(record: JournalRun) -> dict[str, Any]:
     """Return the settings by dotted key. Driver, garment and seed count as settings."""
-    from cell.config.yaml_file import read_yaml
+    from foldcell.cell.config.yaml_file import read_yaml
 
     path = record.directory / SETTINGS
     stated = dict(flattened(read_yaml(path, "cell settings file").data)) if path.is_file() else {}

@@ -11,16 +11,16 @@ from pathlib import Path
 
 import yaml
 
-from cell.config.trajectory_library.ideal_heights_file import user_heights_path
-from cell.config.trajectory_library.library_file import user_library_path
-from cell.config.yaml_file import read_yaml
-from cell.journal.frame_store import FRAMES, FrameStore
-from cell.journal.run_checkpoint import read_checkpoint, write_checkpoint
-from cell.runs.request_file import SETTINGS, load_request
-from cell.states.fold_request import FoldRequest
-from cell.states.run_context import RunContext
-from cell.support.files.whole_file import write_whole
-from robots.errors import StorageError
+from foldcell.cell.config.trajectory_library.ideal_heights_file import user_heights_path
+from foldcell.cell.config.trajectory_library.library_file import user_library_path
+from foldcell.cell.config.yaml_file import read_yaml
+from foldcell.cell.journal.frame_store import FRAMES, FrameStore
+from foldcell.cell.journal.run_checkpoint import read_checkpoint, write_checkpoint
+from foldcell.cell.runs.request_file import SETTINGS, load_request
+from foldcell.cell.states.fold_request import FoldRequest
+from foldcell.cell.states.run_context import RunContext
+from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.robots.errors import StorageError
 
 __all__ = ["BEGAN_WITH", "CALIBRATIONS", "initial_checkpoint", "keep_run_inputs", "restored_request"]
 

@@ -8,36 +8,36 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from socket import socket
 from typing import TYPE_CHECKING
 
-from cell.hardware.camera import camera_calibration
-from cell.hardware.driver import OpenCell
-from cell.hardware.driver_names import is_simulated
-from cell.journal.frame_store import FRAMES, FrameStore
-from cell.journal.journal import RunJournal
-from cell.operator.console.run_status import RunStatus
-from cell.operator.progress.lines import ProgressLines
-from cell.operator.progress.notifier import Notifier, say
-from cell.operator.terminal.keys import TerminalOperator, in_foreground
-from cell.record.run_record import RecordingLosses
-from cell.record.run_record_builder import RunRecordBuilder
-from cell.report.camera_pictures.question_files import QuestionFiles
-from cell.report.failure_stories import FailureStories
-from cell.states.commands import CommandQueue
-from cell.states.fold_request import FoldRequest
-from cell.states.observers import Observer
-from cell.states.run_context import RunEnd
-from cell.states.transition_table import State
-from cell.transcript.port_recorder import PortRecorder
-from cell.view.recorder import Recorder, RecorderObserver
-from robots.errors import CellError, StorageError
-from robots.ports import Ports, Stop
-from robots.registry import find_robot
-from robots.robot import RobotVisual
-from skills.scoring.verdict import Score
-from skills.vocabulary import CameraCalibration
+from foldcell.cell.hardware.camera import camera_calibration
+from foldcell.cell.hardware.driver import OpenCell
+from foldcell.cell.hardware.driver_names import is_simulated
+from foldcell.cell.journal.frame_store import FRAMES, FrameStore
+from foldcell.cell.journal.journal import RunJournal
+from foldcell.cell.operator.console.run_status import RunStatus
+from foldcell.cell.operator.progress.lines import ProgressLines
+from foldcell.cell.operator.progress.notifier import Notifier, say
+from foldcell.cell.operator.terminal.keys import TerminalOperator, in_foreground
+from foldcell.cell.record.run_record import RecordingLosses
+from foldcell.cell.record.run_record_builder import RunRecordBuilder
+from foldcell.cell.report.camera_pictures.question_files import QuestionFiles
+from foldcell.cell.report.failure_stories import FailureStories
+from foldcell.cell.states.commands import CommandQueue
+from foldcell.cell.states.fold_request import FoldRequest
+from foldcell.cell.states.observers import Observer
+from foldcell.cell.states.run_context import RunEnd
+from foldcell.cell.states.transition_table import State
+from foldcell.cell.transcript.port_recorder import PortRecorder
+from foldcell.cell.view.recorder import Recorder, RecorderObserver
+from foldcell.robots.errors import CellError, StorageError
+from foldcell.robots.ports import Ports, Stop
+from foldcell.robots.registry import find_robot
+from foldcell.robots.robot import RobotVisual
+from foldcell.skills.scoring.verdict import Score
+from foldcell.skills.vocabulary import CameraCalibration
 
 if TYPE_CHECKING:
-    from cell.operator.console.live_view import LiveView
-    from cell.simulation.scoring.ground_truth_recorder import GroundTruthRecorder
+    from foldcell.cell.operator.console.live_view import LiveView
+    from foldcell.cell.simulation.scoring.ground_truth_recorder import GroundTruthRecorder
 
 __all__ = ["RunObservers", "page_listener"]
 
@@ -51,7 +51,7 @@ def page_listener(request: FoldRequest) -> AbstractContextManager[socket | None]
     use is noticed early."""
     if not request.page:
         return nullcontext()
-    from cell.operator.local_server import open_listener
+    from foldcell.cell.operator.local_server import open_listener
 
     return open_listener(request.page_port)
 
@@ -99,8 +99,8 @@ class RunObservers:
         if self._live_view is None or self._listener is None:
             yield
             return
-        from cell.operator.console.server import operators_page
-        from cell.operator.console.viewer_routes import recorded_view
+        from foldcell.cell.operator.console.server import operators_page
+        from foldcell.cell.operator.console.viewer_routes import recorded_view
 
         viewer = recorded_view(self._run.directory / RECORDING) if self._request.record else None
         with operators_page(
@@ -130,7 +130,7 @@ class RunObservers:
     def watch_truth(self, opened: OpenCell) -> None:
         """Record the true state of a simulated cell from now on, for the score, the recording and the film."""
         if self._request.record_truth and opened.simulated is not None:
-            from cell.simulation.scoring.ground_truth_recorder import GroundTruthRecorder
+            from foldcell.cell.simulation.scoring.ground_truth_recorder import GroundTruthRecorder
 
             self.truth = GroundTruthRecorder(opened.simulated.truth, self.recorder, self._request)
 
@@ -166,7 +166,7 @@ class RunObservers:
 
 
 def _live_view(calibration: CameraCalibration) -> LiveView:
-    from cell.operator.console.live_view import LiveView
+    from foldcell.cell.operator.console.live_view import LiveView
 
     return LiveView(calibration)
 

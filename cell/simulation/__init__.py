@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from cell.simulation.faults import TRAITS, Fault, FaultKind, Place
-from cell.simulation.settings import SimulationSettings
-from cell.simulation.simulated_cell import Display, SimulatedCell, check_settings, open_simulated_cell
-from cell.simulation.truth import Truth
+from foldcell.cell.simulation.faults import TRAITS, Fault, FaultKind, Place
+from foldcell.cell.simulation.settings import SimulationSettings
+from foldcell.cell.simulation.simulated_cell import Display, SimulatedCell, check_settings, open_simulated_cell
+from foldcell.cell.simulation.truth import Truth
 
 __all__ = [
     "TRAITS",

@@ -7,18 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from cell.simulation.faults.board import FaultBoard
-from cell.simulation.faults.kinds import FaultKind
-from cell.simulation.faults.world_faults import HANDS, WorldFaults
-from cell.simulation.garment.garment import WorldGarment
-from cell.simulation.noise import NoiseTable
-from cell.simulation.robot import contact
-from cell.simulation.robot.gripper import SimulatedGripper
-from cell.simulation.robot.tactile import SimulatedTactile
-from robots.gripper_geometry import GripperGeometry
-from robots.ports import Array, Side
-from robots.robot import SimulatedBody
-from skills.vocabulary import Table
+from foldcell.cell.simulation.faults.board import FaultBoard
+from foldcell.cell.simulation.faults.kinds import FaultKind
+from foldcell.cell.simulation.faults.world_faults import HANDS, WorldFaults
+from foldcell.cell.simulation.garment.garment import WorldGarment
+from foldcell.cell.simulation.noise import NoiseTable
+from foldcell.cell.simulation.robot import contact
+from foldcell.cell.simulation.robot.gripper import SimulatedGripper
+from foldcell.cell.simulation.robot.tactile import SimulatedTactile
+from foldcell.robots.gripper_geometry import GripperGeometry
+from foldcell.robots.ports import Array, Side
+from foldcell.robots.robot import SimulatedBody
+from foldcell.skills.vocabulary import Table
 
 __all__ = ["Hand", "Hands"]
 

@@ -10,7 +10,7 @@ from typing import Any, TypeVar, get_type_hints
 
 import numpy as np
 
-from cell.config.yaml_file import read_yaml
+from foldcell.cell.config.yaml_file import read_yaml
 
 __all__ = [
     "AttendantNoise",

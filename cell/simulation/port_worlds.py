@@ -1,7 +1,7 @@
 """A table that maps each port to its world, so that a port has no reference to its world.
 
 Therefore the executive cannot reach the world through an attribute of its ports. A port is looked up by identity,
-and its entry disappears together with it. Only `cell.simulation` may import this module
+and its entry disappears together with it. Only `foldcell.cell.simulation` may import this module
 (tests/unit/cell/simulation).
 """
 
@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from typing import Any
 from weakref import WeakKeyDictionary
 
-from robots.errors import DriverError, FailureKind
+from foldcell.robots.errors import DriverError, FailureKind
 
 __all__ = ["bind", "unbind", "world_behind"]
 

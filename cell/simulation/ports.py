@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from cell.simulation.port_worlds import bind, world_behind
-from cell.simulation.world import World
-from robots.errors import DriverError, FailureKind
-from robots.ports import (
+from foldcell.cell.simulation.port_worlds import bind, world_behind
+from foldcell.cell.simulation.world import World
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.ports import (
     Array,
     BoardPlace,
     CameraFrame,

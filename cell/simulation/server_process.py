@@ -13,7 +13,8 @@ from typing import Any
 
 __all__ = ["ServerProcess", "program_environment"]
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).absolute().parents[3]
+"""The folder that contains the package `foldcell`."""
 
 
 class ServerProcess:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from robots.camera_mount import CameraMount
-from robots.errors import ConfigurationError
-from robots.registry import DEFAULT
-from skills.cloth.pinch import PadGeometry
-from skills.vocabulary import Table
+from foldcell.robots.camera_mount import CameraMount
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.registry import DEFAULT
+from foldcell.skills.cloth.pinch import PadGeometry
+from foldcell.skills.vocabulary import Table
 
 __all__ = ["DEFAULT_TABLE", "LOOKS", "WORLDS", "SimulationSettings"]
 

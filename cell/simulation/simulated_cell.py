@@ -11,10 +11,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Protocol
 
-from cell.simulation.faults import Fault
-from cell.simulation.settings import SimulationSettings
-from cell.simulation.truth import Truth
-from robots.ports import CameraFrame, Ports
+from foldcell.cell.simulation.faults import Fault
+from foldcell.cell.simulation.settings import SimulationSettings
+from foldcell.cell.simulation.truth import Truth
+from foldcell.robots.ports import CameraFrame, Ports
 
 __all__ = [
     "Checkpoint",
@@ -85,8 +85,8 @@ class SimulatedCell:
 def check_settings(settings: SimulationSettings) -> None:
     """Check the settings. Raises ConfigurationError if the garment does not exist, or the world cannot simulate it
     or is not installed."""
-    from cell.config.garments.garment_file import load_garment
-    from cell.simulation.garment.cloth_body import check_body
+    from foldcell.cell.config.garments.garment_file import load_garment
+    from foldcell.cell.simulation.garment.cloth_body import check_body
 
     if settings.garment == "auto":  # the world draws a garment that it can simulate
         check_body(settings.world, "the garment", 1)
@@ -104,9 +104,9 @@ def open_simulated_cell(settings: SimulationSettings, seed: int) -> Iterator[Sim
     like `check_settings`, StorageError if the robot's model cannot be cached.
     """
     # imported here because the render process also imports this package but does not need these modules
-    from cell.simulation.port_worlds import unbind
-    from cell.simulation.ports import ports_of
-    from cell.simulation.world import World
+    from foldcell.cell.simulation.port_worlds import unbind
+    from foldcell.cell.simulation.ports import ports_of
+    from foldcell.cell.simulation.world import World
 
     world = World(settings, seed)
     try:

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.simulation.faults import Fault
-from robots.ports import Intrinsics, Side
-from skills.vocabulary import Array, Material
+from foldcell.cell.simulation.faults import Fault
+from foldcell.robots.ports import Intrinsics, Side
+from foldcell.skills.vocabulary import Array, Material
 
 if TYPE_CHECKING:  # the render process needs no solver, and importing it takes a second
-    from cell.simulation.garment.cloth_body import BodyTraits
-    from skills.cloth.mesh import ClothMesh
+    from foldcell.cell.simulation.garment.cloth_body import BodyTraits
+    from foldcell.skills.cloth.mesh import ClothMesh
 
 __all__ = ["GarmentTruth", "Truth"]
 

@@ -15,26 +15,26 @@ from dataclasses import replace
 
 import numpy as np
 
-from cell.config.garments.garment_file import list_garments, load_garment
-from cell.simulation.camera.board import built_table
-from cell.simulation.faults import FaultBoard, FaultKind
-from cell.simulation.faults.port_faults import PortFaults
-from cell.simulation.faults.world_faults import WorldFaults
-from cell.simulation.garment.cloth_body import FRAME_RATE, check_body
-from cell.simulation.garment.garment import WorldGarment
-from cell.simulation.hands import Hands
-from cell.simulation.noise import load_noise
-from cell.simulation.robot.arms import SimulatedRobot
-from cell.simulation.settings import SimulationSettings
-from cell.simulation.truth import GarmentTruth, Truth
-from cell.simulation.world_camera import WorldCamera
-from robots.bullet.body import pb
-from robots.depth_averaging import EVERY_S, EXPOSURES
-from robots.errors import ConfigurationError, DriverError, FailureKind
-from robots.ports import BoardPlace, CameraFrame, Side, frozen
-from robots.registry import find_robot
-from skills.garments.garment import Garment
-from skills.vocabulary import Table
+from foldcell.cell.config.garments.garment_file import list_garments, load_garment
+from foldcell.cell.simulation.camera.board import built_table
+from foldcell.cell.simulation.faults import FaultBoard, FaultKind
+from foldcell.cell.simulation.faults.port_faults import PortFaults
+from foldcell.cell.simulation.faults.world_faults import WorldFaults
+from foldcell.cell.simulation.garment.cloth_body import FRAME_RATE, check_body
+from foldcell.cell.simulation.garment.garment import WorldGarment
+from foldcell.cell.simulation.hands import Hands
+from foldcell.cell.simulation.noise import load_noise
+from foldcell.cell.simulation.robot.arms import SimulatedRobot
+from foldcell.cell.simulation.settings import SimulationSettings
+from foldcell.cell.simulation.truth import GarmentTruth, Truth
+from foldcell.cell.simulation.world_camera import WorldCamera
+from foldcell.robots.bullet.body import pb
+from foldcell.robots.depth_averaging import EVERY_S, EXPOSURES
+from foldcell.robots.errors import ConfigurationError, DriverError, FailureKind
+from foldcell.robots.ports import BoardPlace, CameraFrame, Side, frozen
+from foldcell.robots.registry import find_robot
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.vocabulary import Table
 
 __all__ = ["STEP_RATE", "World"]
 

@@ -7,21 +7,21 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.simulation.camera.board import WorldBoard, built_lens
-from cell.simulation.camera.camera import Renderer, SimulatedCamera
-from cell.simulation.camera.render_server import Scene, Shot
-from cell.simulation.camera.slabs import Slab
-from cell.simulation.faults.board import FaultBoard
-from cell.simulation.faults.camera_faults import CameraFaults
-from cell.simulation.faults.world_faults import WorldFaults
-from cell.simulation.garment.fabric import fabric_texture, garment_uv, table_texture
-from cell.simulation.garment.garment import WorldGarment
-from cell.simulation.noise import CameraNoise, NoiseTable
-from cell.simulation.settings import SimulationSettings
-from robots.camera_mount import CameraMount
-from robots.errors import DriverError, FailureKind
-from robots.ports import Array, CameraFrame, Side
-from robots.robot import Robot, SimulatedBody
+from foldcell.cell.simulation.camera.board import WorldBoard, built_lens
+from foldcell.cell.simulation.camera.camera import Renderer, SimulatedCamera
+from foldcell.cell.simulation.camera.render_server import Scene, Shot
+from foldcell.cell.simulation.camera.slabs import Slab
+from foldcell.cell.simulation.faults.board import FaultBoard
+from foldcell.cell.simulation.faults.camera_faults import CameraFaults
+from foldcell.cell.simulation.faults.world_faults import WorldFaults
+from foldcell.cell.simulation.garment.fabric import fabric_texture, garment_uv, table_texture
+from foldcell.cell.simulation.garment.garment import WorldGarment
+from foldcell.cell.simulation.noise import CameraNoise, NoiseTable
+from foldcell.cell.simulation.settings import SimulationSettings
+from foldcell.robots.camera_mount import CameraMount
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.ports import Array, CameraFrame, Side
+from foldcell.robots.robot import Robot, SimulatedBody
 
 __all__ = ["WorldCamera"]
 

@@ -1,6 +1,6 @@
 """The queue of commands that an operator or a script gives to a running cell.
 
-The stop does not use this queue. It has its own port (robots.ports.Stop).
+The stop does not use this queue. It has its own port (foldcell.robots.ports.Stop).
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from collections.abc import Callable, Set
 from dataclasses import dataclass
 from threading import Condition
 
-from cell.states.plan_edit import PlanEdit
-from cell.states.transition_table import Event
-from robots.errors import Failure, FailureKind
+from foldcell.cell.states.plan_edit import PlanEdit
+from foldcell.cell.states.transition_table import Event
+from foldcell.robots.errors import Failure, FailureKind
 
 __all__ = ["ABORTED", "ANSWERS", "OPERATOR_EVENTS", "CommandQueue", "QueuedCommand"]
 

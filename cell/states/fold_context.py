@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from cell.states.plan_edit import PlanEdit
-from cell.states.recovery_table import Adjustment
-from cell.states.stages import Attempt, FoldNote, Repair, Spread
-from robots.errors import FailureKind
-from robots.ports import ArmTrajectory, Side
-from skills.fold_plan.repair import RepairGoal
-from skills.grasping.confirm import Held
-from skills.grasping.tare import TactileBias
-from skills.motion.kinematics.posture import Posture
-from skills.motion.moves.fold import FoldMotion
-from skills.state_estimate.estimate import StateEstimate
-from skills.vocabulary import GraspTrajectory
+from foldcell.cell.states.plan_edit import PlanEdit
+from foldcell.cell.states.recovery_table import Adjustment
+from foldcell.cell.states.stages import Attempt, FoldNote, Repair, Spread
+from foldcell.robots.errors import FailureKind
+from foldcell.robots.ports import ArmTrajectory, Side
+from foldcell.skills.fold_plan.repair import RepairGoal
+from foldcell.skills.grasping.confirm import Held
+from foldcell.skills.grasping.tare import TactileBias
+from foldcell.skills.motion.kinematics.posture import Posture
+from foldcell.skills.motion.moves.fold import FoldMotion
+from foldcell.skills.state_estimate.estimate import StateEstimate
+from foldcell.skills.vocabulary import GraspTrajectory
 
 __all__ = ["FoldContext"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from cell.config.cell_settings import CellSettings
+from foldcell.cell.config.cell_settings import CellSettings
 
 __all__ = ["FoldRequest"]
 

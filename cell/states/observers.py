@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from cell.states.run_context import Result
-from cell.states.transition_table import Effect, Event, State
+from foldcell.cell.states.run_context import Result
+from foldcell.cell.states.transition_table import Effect, Event, State
 
 __all__ = ["FAILING", "Observer", "Step"]
 

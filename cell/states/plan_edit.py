@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Self
 
-from skills.vocabulary import GraspId
+from foldcell.skills.vocabulary import GraspId
 
 __all__ = ["PlanEdit", "with_edit"]
 

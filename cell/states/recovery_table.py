@@ -22,7 +22,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from cell.states.situation import (
+from foldcell.cell.states.situation import (
     Condition,
     Situation,
     another_variant,
@@ -47,9 +47,9 @@ from cell.states.situation import (
     too_many_layers,
     unattended,
 )
-from cell.states.transition_table import Event
-from robots.errors import FailureKind
-from robots.ports import Side
+from foldcell.cell.states.transition_table import Event
+from foldcell.robots.errors import FailureKind
+from foldcell.robots.ports import Side
 
 __all__ = [
     "LAYING",

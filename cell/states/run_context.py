@@ -11,14 +11,14 @@ from dataclasses import dataclass, field, replace
 from functools import wraps
 from typing import ParamSpec, TypeVar
 
-from cell.states.fold_context import FoldContext
-from cell.states.situation import SEEING_FAILURES
-from cell.states.stages import Attempt, EstimateNote, FirstLook, FoldNote, Plan, Recognition
-from cell.states.transition_table import Event, State
-from robots.errors import Failure
-from robots.ports import CameraFrame
-from skills.perception.inspection.claim import Claim
-from skills.vocabulary import CameraCalibration, FoldStep, Outcome
+from foldcell.cell.states.fold_context import FoldContext
+from foldcell.cell.states.situation import SEEING_FAILURES
+from foldcell.cell.states.stages import Attempt, EstimateNote, FirstLook, FoldNote, Plan, Recognition
+from foldcell.cell.states.transition_table import Event, State
+from foldcell.robots.errors import Failure
+from foldcell.robots.ports import CameraFrame
+from foldcell.skills.perception.inspection.claim import Claim
+from foldcell.skills.vocabulary import CameraCalibration, FoldStep, Outcome
 
 __all__ = ["EffectFailed", "Result", "RunContext", "RunEnd", "Sight", "effect"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from robots.errors import FailureKind
+from foldcell.robots.errors import FailureKind
 
 __all__ = [
     "PLANNING_FAILURES",

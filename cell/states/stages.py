@@ -8,18 +8,26 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array, CameraFrame, Side, frozen
-from skills.cloth.mesh import ClothMesh
-from skills.fold_plan.plan import rigid_motion, translate_plan
-from skills.fold_plan.repair import RepairGoal, RepairPlan
-from skills.garments.garment import Garment
-from skills.motion.moves.fold import FoldMotion
-from skills.perception.inspection.claim import Claim
-from skills.perception.inspection.height_expectation import CameraBias
-from skills.perception.inspection.inspect import Inspection
-from skills.perception.perceive import Perception
-from skills.state_estimate.comparison import Fit
-from skills.vocabulary import FoldStep, GarmentState, Grasp, GraspId, GraspTrajectory, PredictedShape, ToolPath
+from foldcell.robots.ports import Array, CameraFrame, Side, frozen
+from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.fold_plan.plan import rigid_motion, translate_plan
+from foldcell.skills.fold_plan.repair import RepairGoal, RepairPlan
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.motion.moves.fold import FoldMotion
+from foldcell.skills.perception.inspection.claim import Claim
+from foldcell.skills.perception.inspection.height_expectation import CameraBias
+from foldcell.skills.perception.inspection.inspect import Inspection
+from foldcell.skills.perception.perceive import Perception
+from foldcell.skills.state_estimate.comparison import Fit
+from foldcell.skills.vocabulary import (
+    FoldStep,
+    GarmentState,
+    Grasp,
+    GraspId,
+    GraspTrajectory,
+    PredictedShape,
+    ToolPath,
+)
 
 __all__ = [
     "Attempt",

@@ -9,7 +9,7 @@ import re
 from collections.abc import Collection
 from pathlib import Path
 
-from cell.states.transition_table import State
+from foldcell.cell.states.transition_table import State
 
 __all__ = ["CHART", "marked_chart"]
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from robots.ports import Ports, Side, Stop
+from foldcell.robots.ports import Ports, Side, Stop
 
 __all__ = ["CellConstants", "Channel", "build_ports"]
 

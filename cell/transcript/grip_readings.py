@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from cell.transcript.channels import Channel
-from cell.transcript.transcript import Transcript
-from robots.ports import Array, TactileReading, frozen
+from foldcell.cell.transcript.channels import Channel
+from foldcell.cell.transcript.transcript import Transcript
+from foldcell.robots.ports import Array, TactileReading, frozen
 
 __all__ = ["read_grips"]
 

@@ -14,14 +14,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cell.journal.frame_store import FrameStore
-from cell.states.commands import CommandQueue, QueuedCommand
-from cell.states.plan_edit import PlanEdit
-from cell.states.transition_table import Event
-from cell.transcript.channels import CellConstants, Channel, build_ports
-from cell.transcript.transcript import TranscriptWriter
-from cell.transcript.transcript_codec import pack
-from robots.ports import CameraFrame, Ports, Side
+from foldcell.cell.journal.frame_store import FrameStore
+from foldcell.cell.states.commands import CommandQueue, QueuedCommand
+from foldcell.cell.states.plan_edit import PlanEdit
+from foldcell.cell.states.transition_table import Event
+from foldcell.cell.transcript.channels import CellConstants, Channel, build_ports
+from foldcell.cell.transcript.transcript import TranscriptWriter
+from foldcell.cell.transcript.transcript_codec import pack
+from foldcell.robots.ports import CameraFrame, Ports, Side
 
 __all__ = ["PortRecorder", "RecordedPorts"]
 

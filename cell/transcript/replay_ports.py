@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from cell.journal.frame_store import FRAMES, FrameStore
-from cell.states.commands import CommandQueue
-from cell.states.transition_table import Event
-from cell.transcript.channels import Channel, build_ports
-from cell.transcript.transcript import Transcript
-from cell.transcript.transcript_codec import Exchange, Picture, pack, unpack
-from robots.errors import CellError, StorageError
-from robots.ports import Ports, Side, Stop, StopState
+from foldcell.cell.journal.frame_store import FRAMES, FrameStore
+from foldcell.cell.states.commands import CommandQueue
+from foldcell.cell.states.transition_table import Event
+from foldcell.cell.transcript.channels import Channel, build_ports
+from foldcell.cell.transcript.transcript import Transcript
+from foldcell.cell.transcript.transcript_codec import Exchange, Picture, pack, unpack
+from foldcell.robots.errors import CellError, StorageError
+from foldcell.robots.ports import Ports, Side, Stop, StopState
 
 __all__ = ["NoRecordedAnswer", "RecordedAnswers"]
 

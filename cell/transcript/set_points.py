@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.transcript.channels import Channel
-from cell.transcript.transcript import Transcript
-from cell.transcript.transcript_codec import unpack
-from robots.ports import Array, JointSetpoint, frozen
+from foldcell.cell.transcript.channels import Channel
+from foldcell.cell.transcript.transcript import Transcript
+from foldcell.cell.transcript.transcript_codec import unpack
+from foldcell.robots.ports import Array, JointSetpoint, frozen
 
 __all__ = ["SetPoints", "read_set_points"]
 

@@ -22,11 +22,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from cell.journal.frame_store import FRAMES, FrameStore
-from cell.transcript.channels import CellConstants, Channel
-from cell.transcript.transcript_codec import RECORDS, Exchange, Picture, pack, unpack
-from robots.errors import StorageError
-from robots.ports import CameraFrame, Side
+from foldcell.cell.journal.frame_store import FRAMES, FrameStore
+from foldcell.cell.transcript.channels import CellConstants, Channel
+from foldcell.cell.transcript.transcript_codec import RECORDS, Exchange, Picture, pack, unpack
+from foldcell.robots.errors import StorageError
+from foldcell.robots.ports import CameraFrame, Side
 
 __all__ = ["LAYOUT", "TRANSCRIPT", "Transcript", "TranscriptWriter"]
 

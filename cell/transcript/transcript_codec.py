@@ -21,10 +21,10 @@ from typing import Any
 
 import numpy as np
 
-from cell.support.json_values import to_json
-from cell.transcript.channels import Channel
-from robots.errors import DriverError, FailureKind
-from robots.ports import GripperState, JointSetpoint, JointState, Side, StopState, TactileReading, frozen
+from foldcell.cell.support.json_values import to_json
+from foldcell.cell.transcript.channels import Channel
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.ports import GripperState, JointSetpoint, JointState, Side, StopState, TactileReading, frozen
 
 __all__ = ["RECORDS", "Exchange", "Picture", "pack", "unpack"]
 

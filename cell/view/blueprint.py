@@ -5,8 +5,8 @@ from __future__ import annotations
 import rerun as rr
 import rerun.blueprint as rrb
 
-from cell.view.entries.entry import TIMELINE
-from cell.view.entries.scene import CAMERA, EYE, LOOK_AT, TABLE
+from foldcell.cell.view.entries.entry import TIMELINE
+from foldcell.cell.view.entries.scene import CAMERA, EYE, LOOK_AT, TABLE
 
 __all__ = ["layout"]
 

@@ -13,10 +13,10 @@ from collections.abc import Callable
 import rerun as rr
 from rerun.error_utils import catch_and_log_exceptions
 
-from cell.view.blueprint import layout
-from cell.view.bounded_worker import BoundedWorker
-from cell.view.entries.entry import Entry
-from cell.view.streams import begin_stream
+from foldcell.cell.view.blueprint import layout
+from foldcell.cell.view.bounded_worker import BoundedWorker
+from foldcell.cell.view.entries.entry import Entry
+from foldcell.cell.view.streams import begin_stream
 
 __all__ = ["LiveStream", "free_port"]
 

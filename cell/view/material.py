@@ -12,17 +12,17 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from calibration.bending import ANGLE, BendingCalibration
-from calibration.crease import CreaseCalibration
-from calibration.free_fold import FreeFold
-from calibration.friction import FrictionCalibration, tilted
-from calibration.shear import ShearCalibration
-from cell.view.entries import style
-from cell.view.entries.entry import TIMELINE
-from cell.view.entries.scene import facing_normals
-from cell.view.streams import begin_stream
-from robots.errors import StorageError
-from skills.vocabulary import Array
+from foldcell.calibration.bending import ANGLE, BendingCalibration
+from foldcell.calibration.crease import CreaseCalibration
+from foldcell.calibration.free_fold import FreeFold
+from foldcell.calibration.friction import FrictionCalibration, tilted
+from foldcell.calibration.shear import ShearCalibration
+from foldcell.cell.view.entries import style
+from foldcell.cell.view.entries.entry import TIMELINE
+from foldcell.cell.view.entries.scene import facing_normals
+from foldcell.cell.view.streams import begin_stream
+from foldcell.robots.errors import StorageError
+from foldcell.skills.vocabulary import Array
 
 __all__ = ["record_bending", "record_crease", "record_free_fold", "record_friction", "record_shear"]
 

@@ -21,22 +21,22 @@ import rerun as rr
 from numpy.typing import NDArray
 from rerun.error_utils import catch_and_log_exceptions
 
-from cell.states.observers import FAILING, Step
-from cell.states.run_context import Result
-from cell.states.transition_table import Event
-from cell.view.blueprint import layout
-from cell.view.bounded_worker import BoundedWorker
-from cell.view.entries import scene
-from cell.view.entries.entry import Entry, Log
-from cell.view.entries.robot import RobotFigure
-from cell.view.entries.series import Sample, Series
-from cell.view.live import LiveStream
-from cell.view.streams import begin_stream, drop_ended_streams
-from robots.ports import Array, CameraFrame, GripperState, JointState, Side, TactileReading, frozen
-from robots.robot import RobotVisual
-from skills.perception.drawing import draw_fitting, draw_on_view
-from skills.perception.perceive import Perception
-from skills.vocabulary import CameraCalibration, FoldStep, GarmentState, GraspId, PredictedShape, Table
+from foldcell.cell.states.observers import FAILING, Step
+from foldcell.cell.states.run_context import Result
+from foldcell.cell.states.transition_table import Event
+from foldcell.cell.view.blueprint import layout
+from foldcell.cell.view.bounded_worker import BoundedWorker
+from foldcell.cell.view.entries import scene
+from foldcell.cell.view.entries.entry import Entry, Log
+from foldcell.cell.view.entries.robot import RobotFigure
+from foldcell.cell.view.entries.series import Sample, Series
+from foldcell.cell.view.live import LiveStream
+from foldcell.cell.view.streams import begin_stream, drop_ended_streams
+from foldcell.robots.ports import Array, CameraFrame, GripperState, JointState, Side, TactileReading, frozen
+from foldcell.robots.robot import RobotVisual
+from foldcell.skills.perception.drawing import draw_fitting, draw_on_view
+from foldcell.skills.perception.perceive import Perception
+from foldcell.skills.vocabulary import CameraCalibration, FoldStep, GarmentState, GraspId, PredictedShape, Table
 
 __all__ = ["APPLICATION", "RecognisedGarment", "Recorder", "RecorderObserver", "RecorderReport"]
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from robots.camera_mount import XTION, CameraMount, look_at
-from robots.ports import frozen
+from foldcell.robots.camera_mount import XTION, CameraMount, look_at
+from foldcell.robots.ports import frozen
 
 __all__ = ["MOUNT"]
 

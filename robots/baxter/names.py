@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from robots.ports import Side
+from foldcell.robots.ports import Side
 
 __all__ = ["ARM_JOINTS", "FULL_SPEED", "HEAD_RANGE", "JOINT_NAMES"]
 

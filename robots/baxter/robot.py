@@ -13,20 +13,20 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from robots.baxter.camera_mount import MOUNT
-from robots.baxter.names import ARM_JOINTS, HEAD_RANGE
-from robots.baxter.ros.electric_gripper import FULL_OPENING
-from robots.example_data import package_root, read_description
-from robots.gripper_geometry import GripperGeometry
-from robots.ports import Attendant, Ports, Side, Stop
-from robots.ros.driver import CameraTopics, RosDriver, RosSettings
-from robots.urdf.build import robot_of
-from robots.urdf.description import RGB, Dynamics, RobotDescription
-from robots.urdf.elements import srdf_disabled_pairs
+from foldcell.robots.baxter.camera_mount import MOUNT
+from foldcell.robots.baxter.names import ARM_JOINTS, HEAD_RANGE
+from foldcell.robots.baxter.ros.electric_gripper import FULL_OPENING
+from foldcell.robots.example_data import package_root, read_description
+from foldcell.robots.gripper_geometry import GripperGeometry
+from foldcell.robots.ports import Attendant, Ports, Side, Stop
+from foldcell.robots.ros.driver import CameraTopics, RosDriver, RosSettings
+from foldcell.robots.urdf.build import robot_of
+from foldcell.robots.urdf.description import RGB, Dynamics, RobotDescription
+from foldcell.robots.urdf.elements import srdf_disabled_pairs
 
 if TYPE_CHECKING:
-    from robots.baxter.emulator.emulator import Emulator
-    from robots.model import JointLimits
+    from foldcell.robots.baxter.emulator.emulator import Emulator
+    from foldcell.robots.model import JointLimits
 
 __all__ = ["DESCRIPTION", "FLOOR", "GRIPPER", "ROBOT", "load_model"]
 
@@ -94,7 +94,7 @@ def _rendered_colour(stem: str) -> tuple[float, float, float]:
 
 
 def _check() -> None:
-    from robots.baxter.ros.messages import load_messages
+    from foldcell.robots.baxter.ros.messages import load_messages
 
     load_messages()
 
@@ -103,21 +103,21 @@ def _connect(
     settings: RosSettings, limits: JointLimits, attendant: Callable[[Stop], Attendant], *, driver: str,
     simulated: bool,
 ) -> AbstractContextManager[Ports]:  # fmt: skip
-    from robots.baxter.ros.connection import connected
+    from foldcell.robots.baxter.ros.connection import connected
 
     return connected(settings, limits, attendant, driver=driver, simulated=simulated)
 
 
 def _connect_stop() -> AbstractContextManager[Stop]:
-    from robots.baxter.ros.connection import connected_stop
+    from foldcell.robots.baxter.ros.connection import connected_stop
 
     return connected_stop()
 
 
 @contextmanager
 def _emulate(ports: Ports, topics: CameraTopics, patience: float) -> Iterator[Emulator]:
-    from robots.baxter.emulator.emulator import Emulator
-    from robots.ros.node import open_node
+    from foldcell.robots.baxter.emulator.emulator import Emulator
+    from foldcell.robots.ros.node import open_node
 
     node = open_node("baxter_emulator")
     try:

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from robots.bullet.suppress_output import suppress_output
-from robots.gripper_geometry import GripperGeometry
-from robots.ports import Array, Side
+from foldcell.robots.bullet.suppress_output import suppress_output
+from foldcell.robots.gripper_geometry import GripperGeometry
+from foldcell.robots.ports import Array, Side
 
 with suppress_output():  # PyBullet prints its build date
     import pybullet as pb

@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 from threading import Event
 from typing import TYPE_CHECKING, Any, Protocol
 
-from robots.ports import Attendant, Ports, Stop
+from foldcell.robots.ports import Attendant, Ports, Stop
 
 if TYPE_CHECKING:
-    from robots.model import JointLimits
+    from foldcell.robots.model import JointLimits
 
 __all__ = ["CameraTopics", "Emulate", "EmulatedRobot", "RosDriver", "RosSettings"]
 

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
-from robots.errors import ConfigurationError
+from foldcell.robots.errors import ConfigurationError
 
 __all__ = ["PACKAGES", "find_ros", "import_ros"]
 

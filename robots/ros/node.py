@@ -14,8 +14,8 @@ from contextlib import ExitStack, contextmanager
 from typing import Any
 from urllib.parse import urlparse
 
-from robots.errors import ConfigurationError
-from robots.ros.installation import import_ros
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.ros.installation import import_ros
 
 __all__ = ["Node", "Publisher", "master_address", "open_node"]
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from robots.camera_mount import XTION, CameraMount, look_at
-from robots.example_data import package_root
-from robots.ports import Side, frozen
-from robots.ur5_pair.urdf import BASE, GRIPPER, disabled_pairs, pair_urdf, source_path
-from robots.urdf.build import robot_of
-from robots.urdf.description import Dynamics, RobotDescription
+from foldcell.robots.camera_mount import XTION, CameraMount, look_at
+from foldcell.robots.example_data import package_root
+from foldcell.robots.ports import Side, frozen
+from foldcell.robots.ur5_pair.urdf import BASE, GRIPPER, disabled_pairs, pair_urdf, source_path
+from foldcell.robots.urdf.build import robot_of
+from foldcell.robots.urdf.description import Dynamics, RobotDescription
 
 __all__ = ["DESCRIPTION", "ROBOT"]
 

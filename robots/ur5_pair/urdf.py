@@ -11,10 +11,16 @@ from pathlib import Path
 
 import numpy as np
 
-from robots.example_data import package_root, read_description
-from robots.gripper_geometry import GripperGeometry
-from robots.ports import Side
-from robots.urdf.elements import box_link, fixed_joint, parallel_gripper, prefixed_arm, srdf_disabled_pairs
+from foldcell.robots.example_data import package_root, read_description
+from foldcell.robots.gripper_geometry import GripperGeometry
+from foldcell.robots.ports import Side
+from foldcell.robots.urdf.elements import (
+    box_link,
+    fixed_joint,
+    parallel_gripper,
+    prefixed_arm,
+    srdf_disabled_pairs,
+)
 
 __all__ = ["BASE", "GRIPPER", "disabled_pairs", "pair_urdf", "source_path"]
 

@@ -6,11 +6,11 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from robots.robot import Robot, RobotVisual, SimulatedBody, Simulation
-from robots.urdf.description import RobotDescription
+from foldcell.robots.robot import Robot, RobotVisual, SimulatedBody, Simulation
+from foldcell.robots.urdf.description import RobotDescription
 
 if TYPE_CHECKING:
-    from robots.model import RobotModel
+    from foldcell.robots.model import RobotModel
 
 __all__ = ["robot_of"]
 
@@ -20,12 +20,12 @@ def robot_of(description: RobotDescription) -> Robot:
 
     @lru_cache(maxsize=1)
     def model() -> RobotModel:
-        from robots.urdf.model import build_model
+        from foldcell.robots.urdf.model import build_model
 
         return build_model(description)
 
     def visual() -> RobotVisual:
-        from robots.urdf.converted import viewer_urdf
+        from foldcell.robots.urdf.converted import viewer_urdf
 
         return RobotVisual(
             urdf=viewer_urdf(description),
@@ -36,12 +36,12 @@ def robot_of(description: RobotDescription) -> Robot:
         )
 
     def body(client: int) -> SimulatedBody:
-        from robots.urdf.converted import load_body
+        from foldcell.robots.urdf.converted import load_body
 
         return load_body(description, client)
 
     def seen() -> Path:
-        from robots.urdf.converted import seen_urdf
+        from foldcell.robots.urdf.converted import seen_urdf
 
         return seen_urdf(description)
 

@@ -19,12 +19,12 @@ import platformdirs
 import trimesh
 from trimesh.visual.material import PBRMaterial
 
-from robots.bullet.body import BodyDescription, BulletBody
-from robots.errors import StorageError
-from robots.ports import Side
-from robots.urdf.description import RobotDescription
-from robots.urdf.elements import mesh_path, neighbours, stripped
-from robots.urdf.meshes import CREASE, given_colour, glb, plastic, thinned_obj
+from foldcell.robots.bullet.body import BodyDescription, BulletBody
+from foldcell.robots.errors import StorageError
+from foldcell.robots.ports import Side
+from foldcell.robots.urdf.description import RobotDescription
+from foldcell.robots.urdf.elements import mesh_path, neighbours, stripped
+from foldcell.robots.urdf.meshes import CREASE, given_colour, glb, plastic, thinned_obj
 
 __all__ = ["load_body", "moving_urdf", "seen_urdf", "viewer_urdf"]
 

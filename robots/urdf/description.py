@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from robots.camera_mount import CameraMount
-from robots.gripper_geometry import GripperGeometry
-from robots.ports import Side
-from robots.ros.driver import RosDriver
+from foldcell.robots.camera_mount import CameraMount
+from foldcell.robots.gripper_geometry import GripperGeometry
+from foldcell.robots.ports import Side
+from foldcell.robots.ros.driver import RosDriver
 
 __all__ = ["RGB", "Dynamics", "RobotDescription"]
 

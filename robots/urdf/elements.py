@@ -6,9 +6,9 @@ import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from pathlib import Path
 
-from robots.example_data import read_description
-from robots.gripper_geometry import GripperGeometry
-from robots.ports import Side
+from foldcell.robots.example_data import read_description
+from foldcell.robots.gripper_geometry import GripperGeometry
+from foldcell.robots.ports import Side
 
 __all__ = [
     "box_link",

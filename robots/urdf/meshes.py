@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
-from robots.ports import Array
-from robots.urdf.description import RGB
+from foldcell.robots.ports import Array
+from foldcell.robots.urdf.description import RGB
 
 __all__ = ["CREASE", "given_colour", "glb", "plastic", "thinned_obj"]
 

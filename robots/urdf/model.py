@@ -6,11 +6,11 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from robots.errors import ConfigurationError
-from robots.model import JointLimits, RobotModel, arm_chain
-from robots.ports import Array, Side, frozen
-from robots.urdf.description import Dynamics, RobotDescription
-from robots.urdf.elements import neighbours, resolved
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.model import JointLimits, RobotModel, arm_chain
+from foldcell.robots.ports import Array, Side, frozen
+from foldcell.robots.urdf.description import Dynamics, RobotDescription
+from foldcell.robots.urdf.elements import neighbours, resolved
 
 __all__ = ["build_model"]
 

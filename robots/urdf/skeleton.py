@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 from string import Template
 
-from robots.errors import ConfigurationError
+from foldcell.robots.errors import ConfigurationError
 
 __all__ = ["skeleton_files"]
 

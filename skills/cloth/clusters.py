@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from robots.errors import InternalError
-from robots.ports import Array
-from skills.cloth.mesh import ClothMesh
-from skills.cloth.simd.f32x16 import LANES
+from foldcell.robots.errors import InternalError
+from foldcell.robots.ports import Array
+from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.cloth.simd.f32x16 import LANES
 
 __all__ = ["FAR", "LEAF", "Clusters", "build_clusters", "edge_finder", "triangle_sides"]
 

@@ -1,4 +1,4 @@
-"""Compiles the cloth simulation, if it is not compiled: `python -m skills.cloth.compile_loop`."""
+"""Compiles the cloth simulation, if it is not compiled: `python -m foldcell.skills.cloth.compile_loop`."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from skills.cloth import kernel
-from skills.cloth.mesh import mesh_from_contour
-from skills.cloth.solver import ClothSimulation
-from skills.vocabulary import Material
+from foldcell.skills.cloth import kernel
+from foldcell.skills.cloth.mesh import mesh_from_contour
+from foldcell.skills.cloth.solver import ClothSimulation
+from foldcell.skills.vocabulary import Material
 
 __all__ = ["is_compiled", "main"]
 

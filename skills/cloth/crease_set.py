@@ -31,8 +31,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from robots.ports import Array
-from skills.cloth.inner import inner
+from foldcell.robots.ports import Array
+from foldcell.skills.cloth.inner import inner
 
 __all__ = [
     "MODES",

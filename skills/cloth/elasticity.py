@@ -33,12 +33,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array
-from skills.cloth.inner import inner
-from skills.cloth.mesh import ClothMesh
-from skills.cloth.simd.f64x4 import FOUR, dots, ends, gather_f64x4, load_f64x4, splat_f64x4, where_above
-from skills.cloth.simd.vec3 import dot, load, spread, store, vector
-from skills.vocabulary import REFERENCE_DROP, Material
+from foldcell.robots.ports import Array
+from foldcell.skills.cloth.inner import inner
+from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.cloth.simd.f64x4 import FOUR, dots, ends, gather_f64x4, load_f64x4, splat_f64x4, where_above
+from foldcell.skills.cloth.simd.vec3 import dot, load, spread, store, vector
+from foldcell.skills.vocabulary import REFERENCE_DROP, Material
 
 __all__ = [
     "GRAVITY",

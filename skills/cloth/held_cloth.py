@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from skills.cloth.inner import inner
+from foldcell.skills.cloth.inner import inner
 
 CLOSING = 0.12  # [s] time in which a closing pinch draws the cloth to the middle of the pads
 

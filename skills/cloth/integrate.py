@@ -6,8 +6,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from skills.cloth.inner import inner
-from skills.cloth.simd.vec3 import dot, load, store, vector
+from foldcell.skills.cloth.inner import inner
+from foldcell.skills.cloth.simd.vec3 import dot, load, store, vector
 
 
 @inner(error_model="numpy", fastmath={"contract"})

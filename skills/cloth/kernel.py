@@ -20,10 +20,10 @@ from pathlib import Path
 
 import numpy as np
 
-from skills.cloth.broad_phase.pairs import needs_search, search
-from skills.cloth.contact.capsules import near_capsules, push_by_capsules
-from skills.cloth.contact.contact_order import group_contacts, take_turns
-from skills.cloth.contact.contacts import (
+from foldcell.skills.cloth.broad_phase.pairs import needs_search, search
+from foldcell.skills.cloth.contact.capsules import near_capsules, push_by_capsules
+from foldcell.skills.cloth.contact.contact_order import group_contacts, take_turns
+from foldcell.skills.cloth.contact.contacts import (
     LEAST_SWEEPS,
     MOST_SWEEPS,
     TOLERANCE,
@@ -38,11 +38,11 @@ from skills.cloth.contact.contacts import (
     room_for_groups,
     solve_contacts,
 )
-from skills.cloth.contact.edge_edge import narrow_edge_edge
-from skills.cloth.contact.table import find_low, press_on_table
-from skills.cloth.contact.vertex_triangle import narrow_vertex_triangle
-from skills.cloth.crease_set import advance_set, aim_hinges
-from skills.cloth.elasticity import (
+from foldcell.skills.cloth.contact.edge_edge import narrow_edge_edge
+from foldcell.skills.cloth.contact.table import find_low, press_on_table
+from foldcell.skills.cloth.contact.vertex_triangle import narrow_vertex_triangle
+from foldcell.skills.cloth.crease_set import advance_set, aim_hinges
+from foldcell.skills.cloth.elasticity import (
     bending_friction_moments,
     damp_edges,
     measure_bends,
@@ -51,12 +51,18 @@ from skills.cloth.elasticity import (
     solve_hinges,
     solve_hinges_with_friction,
 )
-from skills.cloth.held_cloth import hold, release_overloaded
-from skills.cloth.integrate import extrapolate, integrate, restore_positions, undo_extrapolation, update_velocities
-from skills.cloth.intersections.resolve import GLANCE, resolve_intersections
-from skills.cloth.simd.f64x8 import EIGHT, blocks
-from skills.cloth.sleep import pack, update_sleep
-from skills.cloth.state import (
+from foldcell.skills.cloth.held_cloth import hold, release_overloaded
+from foldcell.skills.cloth.integrate import (
+    extrapolate,
+    integrate,
+    restore_positions,
+    undo_extrapolation,
+    update_velocities,
+)
+from foldcell.skills.cloth.intersections.resolve import GLANCE, resolve_intersections
+from foldcell.skills.cloth.simd.f64x8 import EIGHT, blocks
+from foldcell.skills.cloth.sleep import pack, update_sleep
+from foldcell.skills.cloth.state import (
     ACTIVE,
     ACTIVE_VT,
     AWAKE,
@@ -73,7 +79,7 @@ from skills.cloth.state import (
     SUBSTEP,
     VT,
 )
-from skills.compiled import cached
+from foldcell.skills.compiled import cached
 
 DONE, PAIRS_FULL = 0, 1  # reasons to return from the loop
 COMPILED = (

@@ -15,9 +15,9 @@ import shapely
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
-from robots.errors import ConfigurationError
-from robots.ports import Array, frozen
-from skills.plane import cross, lengths_along
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.ports import Array, frozen
+from foldcell.skills.plane import cross, lengths_along
 
 __all__ = ["ClothMesh", "FineBands", "mesh_from_contour"]
 

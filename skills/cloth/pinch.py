@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array
+from foldcell.robots.ports import Array
 
 if TYPE_CHECKING:  # the render process needs no mesh, and importing it takes a second
-    from skills.cloth.mesh import ClothMesh
+    from foldcell.skills.cloth.mesh import ClothMesh
 
 __all__ = ["PadGeometry", "Patch", "PinchReport", "PinchedPoints", "find_pinched"]
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robots.ports import Array, frozen
-from skills.cloth.mesh import ClothMesh
-from skills.cloth.pinch import PadGeometry, Patch, PinchReport
-from skills.cloth.settings import SolverSettings
-from skills.cloth.solver import ClothSimulation
-from skills.vocabulary import GraspId, Material, ToolPath, tool_rotation
+from foldcell.robots.ports import Array, frozen
+from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.cloth.pinch import PadGeometry, Patch, PinchReport
+from foldcell.skills.cloth.settings import SolverSettings
+from foldcell.skills.cloth.solver import ClothSimulation
+from foldcell.skills.vocabulary import GraspId, Material, ToolPath, tool_rotation
 
 __all__ = ["HANDS", "FoldPrediction", "predict_fold", "sample_paths"]
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robots.errors import ConfigurationError
-from skills.cloth.contact.contacts import PHASE
-from skills.cloth.crease_set import largest_crease_set
-from skills.cloth.elasticity import stretch_excess
-from skills.cloth.mesh import ClothMesh
-from skills.vocabulary import Material
+from foldcell.robots.errors import ConfigurationError
+from foldcell.skills.cloth.contact.contacts import PHASE
+from foldcell.skills.cloth.crease_set import largest_crease_set
+from foldcell.skills.cloth.elasticity import stretch_excess
+from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.vocabulary import Material
 
 __all__ = ["SolverSettings", "check_cloth", "choose_substeps"]
 

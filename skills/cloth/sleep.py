@@ -13,11 +13,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from skills.cloth.contact.capsules import squared_distance
-from skills.cloth.inner import inner
-from skills.cloth.simd.f64x4 import gather_f64x4
-from skills.cloth.simd.vec3 import load, members, store
-from skills.cloth.state import ACTIVE, AWAKE, EDGES, HINGES, MOVABLE, PACKED, SEARCHED, WATCHED
+from foldcell.skills.cloth.contact.capsules import squared_distance
+from foldcell.skills.cloth.inner import inner
+from foldcell.skills.cloth.simd.f64x4 import gather_f64x4
+from foldcell.skills.cloth.simd.vec3 import load, members, store
+from foldcell.skills.cloth.state import ACTIVE, AWAKE, EDGES, HINGES, MOVABLE, PACKED, SEARCHED, WATCHED
 
 STILL = 2.5e-4  # [m] vertices that moved less than this in a frame are not predicted to move
 # x sleep_frames: a vertex that stayed near its reference point for at least this time counts as quiet, even if it

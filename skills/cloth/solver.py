@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.errors import ConfigurationError, InternalError
-from robots.ports import Array
-from skills.cloth import kernel
-from skills.cloth.broad_phase.pairs import CALM_SLACK, SLACK
-from skills.cloth.contact.contacts import phase_length
-from skills.cloth.contact.ridges import flat_cosine
-from skills.cloth.crease_set import advance_set, build_crease_law
-from skills.cloth.elasticity import (
+from foldcell.robots.errors import ConfigurationError, InternalError
+from foldcell.robots.ports import Array
+from foldcell.skills.cloth import kernel
+from foldcell.skills.cloth.broad_phase.pairs import CALM_SLACK, SLACK
+from foldcell.skills.cloth.contact.contacts import phase_length
+from foldcell.skills.cloth.contact.ridges import flat_cosine
+from foldcell.skills.cloth.crease_set import advance_set, build_crease_law
+from foldcell.skills.cloth.elasticity import (
     SHARPEST,
     bend_stiffening,
     build_bending_friction,
@@ -26,12 +26,12 @@ from skills.cloth.elasticity import (
     membrane_modulus,
     turns,
 )
-from skills.cloth.intersections.resolve import Intersections, no_intersections
-from skills.cloth.mesh import ClothMesh
-from skills.cloth.pinch import PadGeometry, Patch, PinchReport, find_pinched
-from skills.cloth.settings import SolverSettings, check_cloth, choose_substeps
-from skills.cloth.simd.aligned_arrays import aligned
-from skills.cloth.state import (
+from foldcell.skills.cloth.intersections.resolve import Intersections, no_intersections
+from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.cloth.pinch import PadGeometry, Patch, PinchReport, find_pinched
+from foldcell.skills.cloth.settings import SolverSettings, check_cloth, choose_substeps
+from foldcell.skills.cloth.simd.aligned_arrays import aligned
+from foldcell.skills.cloth.state import (
     ACTIVE,
     AWAKE,
     EE,
@@ -50,8 +50,8 @@ from skills.cloth.state import (
     new_pairs,
     new_state,
 )
-from skills.cloth.topology import topology_of
-from skills.vocabulary import Material
+from foldcell.skills.cloth.topology import topology_of
+from foldcell.skills.vocabulary import Material
 
 __all__ = ["Capsules", "ClothSimulation"]
 

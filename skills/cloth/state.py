@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array
-from skills.cloth.clusters import Clusters
-from skills.cloth.crease_set import MODES, CreaseLaw
-from skills.cloth.elasticity import BendingFriction
-from skills.cloth.simd.aligned_arrays import LINE_BYTES, aligned_zeros
-from skills.cloth.simd.vec3 import rows
+from foldcell.robots.ports import Array
+from foldcell.skills.cloth.clusters import Clusters
+from foldcell.skills.cloth.crease_set import MODES, CreaseLaw
+from foldcell.skills.cloth.elasticity import BendingFriction
+from foldcell.skills.cloth.simd.aligned_arrays import LINE_BYTES, aligned_zeros
+from foldcell.skills.cloth.simd.vec3 import rows
 
 HANDS = 2
 MAX_HELD = 128  # largest number of held points

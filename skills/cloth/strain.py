@@ -19,8 +19,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from robots.ports import Array
-from skills.cloth.mesh import ClothMesh, Index
+from foldcell.robots.ports import Array
+from foldcell.skills.cloth.mesh import ClothMesh, Index
 
 __all__ = ["BESIDE", "MOST_STRAIN", "TURN", "largest_strain", "reach", "turns"]
 

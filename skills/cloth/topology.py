@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skills.cloth.clusters import Clusters, build_clusters, edge_finder, triangle_sides
-from skills.cloth.elasticity import colour_batches, shuffled
-from skills.cloth.mesh import ClothMesh
-from skills.cloth.simd.aligned_arrays import aligned
+from foldcell.skills.cloth.clusters import Clusters, build_clusters, edge_finder, triangle_sides
+from foldcell.skills.cloth.elasticity import colour_batches, shuffled
+from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.cloth.simd.aligned_arrays import aligned
 
 __all__ = ["Topology", "topology_of"]
 

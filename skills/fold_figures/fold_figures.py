@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skills.fold_figures.folded_mesh import FoldedMesh, fold_mesh
-from skills.fold_figures.table_raster import TableRaster
-from skills.vocabulary import Array, FoldLine
+from foldcell.skills.fold_figures.folded_mesh import FoldedMesh, fold_mesh
+from foldcell.skills.fold_figures.table_raster import TableRaster
+from foldcell.skills.vocabulary import Array, FoldLine
 
 __all__ = ["CREASE_MARGIN", "FoldFigures", "measure_cut_fold", "measure_fold"]
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from skills.plane import cross
-from skills.vocabulary import Array, FoldLine, frozen
+from foldcell.skills.plane import cross
+from foldcell.skills.vocabulary import Array, FoldLine, frozen
 
 __all__ = ["FoldedMesh", "doubled_area", "fold_mesh"]
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array
+from foldcell.robots.ports import Array
 
 __all__ = ["outline"]
 

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from skills.compiled import cached
-from skills.vocabulary import Array
+from foldcell.skills.compiled import cached
+from foldcell.skills.vocabulary import Array
 
 __all__ = ["PIXEL", "TableRaster", "rasterise"]
 

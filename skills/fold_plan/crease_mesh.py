@@ -10,11 +10,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from skills.cloth.mesh import ClothMesh, FineBands, mesh_from_contour
-from skills.fold_plan.folding import crease_segments
-from skills.fold_plan.plan import ways_to_fold
-from skills.garments.garment import Garment
-from skills.vocabulary import Array, GarmentState
+from foldcell.skills.cloth.mesh import ClothMesh, FineBands, mesh_from_contour
+from foldcell.skills.fold_plan.folding import crease_segments
+from foldcell.skills.fold_plan.plan import ways_to_fold
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.vocabulary import Array, GarmentState
 
 __all__ = ["EDGE_SHARE", "creases_of", "mesh_near_creases", "predictor_mesh"]
 

@@ -15,10 +15,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from skills.vocabulary import Array, FoldLine, Material, frozen
+from foldcell.skills.vocabulary import Array, FoldLine, Material, frozen
 
 if TYPE_CHECKING:  # the render process needs no mesh, and importing it takes a second
-    from skills.cloth.mesh import ClothMesh
+    from foldcell.skills.cloth.mesh import ClothMesh
 
 __all__ = [
     "FoldedPoints",

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skills.cloth.intersections.crossings import count_crossings
-from skills.cloth.mesh import ClothMesh
-from skills.cloth.settings import SolverSettings
-from skills.cloth.solver import ClothSimulation
-from skills.cloth.strain import largest_strain
-from skills.fold_plan.turned_fold import TURN_S, turned_over
-from skills.vocabulary import Array, FoldLine, Material, frozen
+from foldcell.skills.cloth.intersections.crossings import count_crossings
+from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.cloth.settings import SolverSettings
+from foldcell.skills.cloth.solver import ClothSimulation
+from foldcell.skills.cloth.strain import largest_strain
+from foldcell.skills.fold_plan.turned_fold import TURN_S, turned_over
+from foldcell.skills.vocabulary import Array, FoldLine, Material, frozen
 
 __all__ = ["REST_MOTION", "SETTLE_S", "IdealFold", "ideal_folds", "settled_fold"]
 

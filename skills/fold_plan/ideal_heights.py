@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skills.cloth.settings import SolverSettings
-from skills.fold_figures.fold_figures import measure_fold
-from skills.fold_plan.crease_mesh import predictor_mesh
-from skills.fold_plan.ideal_fold import ideal_folds
-from skills.fold_plan.plan import ways_to_fold
-from skills.garments.garment import Garment
+from foldcell.skills.cloth.settings import SolverSettings
+from foldcell.skills.fold_figures.fold_figures import measure_fold
+from foldcell.skills.fold_plan.crease_mesh import predictor_mesh
+from foldcell.skills.fold_plan.ideal_fold import ideal_folds
+from foldcell.skills.fold_plan.plan import ways_to_fold
+from foldcell.skills.garments.garment import Garment
 
 __all__ = ["IdealFoldHeights", "bending_lengths", "ideal_fold_heights"]
 

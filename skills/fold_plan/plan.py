@@ -8,11 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from skills import plane
-from skills.cloth.pinch import PadGeometry
-from skills.fold_plan.folding import fold_xy, layers_at, layers_under, nearest_moving, silhouette
-from skills.garments.garment import Garment, PlanGrasp, PlanStep, PlanVariant
-from skills.vocabulary import (
+from foldcell.skills import plane
+from foldcell.skills.cloth.pinch import PadGeometry
+from foldcell.skills.fold_plan.folding import fold_xy, layers_at, layers_under, nearest_moving, silhouette
+from foldcell.skills.garments.garment import Garment, PlanGrasp, PlanStep, PlanVariant
+from foldcell.skills.vocabulary import (
     Array,
     Failure,
     FailureKind,

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skills.vocabulary import Array, FoldLine, GraspId, ToolPath, frozen
+from foldcell.skills.vocabulary import Array, FoldLine, GraspId, ToolPath, frozen
 
 __all__ = ["OPENING", "Dab", "crease_dabs", "press_paths", "within_reach", "within_time"]
 

@@ -13,11 +13,11 @@ from enum import StrEnum
 
 import numpy as np
 
-from skills.cloth.mesh import ClothMesh
-from skills.cloth.pinch import Patch
-from skills.fold_plan.plan import RELEASE_CLEARANCE
-from skills.plane import barycentric
-from skills.vocabulary import (
+from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.cloth.pinch import Patch
+from foldcell.skills.fold_plan.plan import RELEASE_CLEARANCE
+from foldcell.skills.plane import barycentric
+from foldcell.skills.vocabulary import (
     Array,
     Failure,
     FailureKind,

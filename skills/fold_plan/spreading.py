@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skills.fold_plan.plan import RELEASE_CLEARANCE
-from skills.vocabulary import (
+from foldcell.skills.fold_plan.plan import RELEASE_CLEARANCE
+from foldcell.skills.vocabulary import (
     Array,
     Corner,
     Failure,

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from skills.cloth.intersections.crossings import count_crossings
-from skills.cloth.mesh import ClothMesh
-from skills.cloth.settings import SolverSettings
-from skills.cloth.solver import ClothSimulation
-from skills.fold_plan.folding import fold_xy, target_vertices
-from skills.vocabulary import Array, FoldLine, Material
+from foldcell.skills.cloth.intersections.crossings import count_crossings
+from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.cloth.settings import SolverSettings
+from foldcell.skills.cloth.solver import ClothSimulation
+from foldcell.skills.fold_plan.folding import fold_xy, target_vertices
+from foldcell.skills.vocabulary import Array, FoldLine, Material
 
 __all__ = ["TURN_S", "turned_over"]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skills.vocabulary import Array, GarmentState, GraspId, Material, frozen
+from foldcell.skills.vocabulary import Array, GarmentState, GraspId, Material, frozen
 
 __all__ = ["Anchor", "Fabric", "Garment", "PlanGrasp", "PlanStep", "PlanVariant", "PoseRange", "Span"]
 

@@ -9,9 +9,9 @@ from itertools import combinations
 import numpy as np
 import shapely
 
-from robots.ports import Array
-from skills.garments.garment import Garment
-from skills.garments.outline_check import (
+from foldcell.robots.ports import Array
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.garments.outline_check import (
     LARGEST,
     SMALLEST,
     crosses_itself,
@@ -19,7 +19,7 @@ from skills.garments.outline_check import (
     runs_clockwise,
     same_places,
 )
-from skills.garments.picture_measure import PictureMeasure, as_laid
+from foldcell.skills.garments.picture_measure import PictureMeasure, as_laid
 
 __all__ = ["KeyPointFinding", "check_key_points"]
 

@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 import shapely
 
-from robots.ports import Array
+from foldcell.robots.ports import Array
 
 __all__ = ["LARGEST", "SMALLEST", "crosses_itself", "impossible_size", "runs_clockwise", "same_places"]
 

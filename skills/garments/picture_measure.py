@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array, frozen
+from foldcell.robots.ports import Array, frozen
 
 __all__ = ["PictureMeasure", "as_laid", "fitted_template", "mirror_images"]
 

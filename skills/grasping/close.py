@@ -6,10 +6,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from skills.grasping.hand_reading import GripCommand, HandReading, validate_reading
-from skills.grasping.settings import GraspSettings
-from skills.grasping.tare import TactileBias
-from skills.vocabulary import Failure, FailureKind, Outcome
+from foldcell.skills.grasping.hand_reading import GripCommand, HandReading, validate_reading
+from foldcell.skills.grasping.settings import GraspSettings
+from foldcell.skills.grasping.tare import TactileBias
+from foldcell.skills.vocabulary import Failure, FailureKind, Outcome
 
 __all__ = ["CloseState", "Closed", "MovingPads", "close", "start_close"]
 

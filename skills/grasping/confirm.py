@@ -13,11 +13,11 @@ from typing import TypeVar
 
 import numpy as np
 
-from skills.grasping.hand_reading import HandReading, validate_reading
-from skills.grasping.live_pads import dead_pad
-from skills.grasping.settings import GraspSettings
-from skills.grasping.tare import TactileBias
-from skills.vocabulary import Array, Failure, FailureKind, Outcome
+from foldcell.skills.grasping.hand_reading import HandReading, validate_reading
+from foldcell.skills.grasping.live_pads import dead_pad
+from foldcell.skills.grasping.settings import GraspSettings
+from foldcell.skills.grasping.tare import TactileBias
+from foldcell.skills.vocabulary import Array, Failure, FailureKind, Outcome
 
 __all__ = [
     "Confirmation",

@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skills.grasping.hand_reading import HandReading, validate_reading
-from skills.grasping.settings import GraspSettings
-from skills.grasping.tare import TactileBias
-from skills.vocabulary import Array, Failure, FailureKind, Outcome
+from foldcell.skills.grasping.hand_reading import HandReading, validate_reading
+from foldcell.skills.grasping.settings import GraspSettings
+from foldcell.skills.grasping.tare import TactileBias
+from foldcell.skills.vocabulary import Array, Failure, FailureKind, Outcome
 
 __all__ = ["Contact", "DescentCommand", "DescentGoal", "DescentState", "descend", "start_descent", "yielding"]
 

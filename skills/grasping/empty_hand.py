@@ -12,12 +12,12 @@ from enum import Enum, auto
 
 import numpy as np
 
-from skills.grasping.close import CLOSE_TIMEOUT, STILL_WINDOW, MovingPads
-from skills.grasping.hand_reading import GripCommand, HandReading, validate_reading
-from skills.grasping.release import RELEASE_FORCE, RELEASE_TIMEOUT
-from skills.grasping.settings import GraspSettings
-from skills.grasping.tare import TactileBias
-from skills.vocabulary import Failure, FailureKind, Outcome
+from foldcell.skills.grasping.close import CLOSE_TIMEOUT, STILL_WINDOW, MovingPads
+from foldcell.skills.grasping.hand_reading import GripCommand, HandReading, validate_reading
+from foldcell.skills.grasping.release import RELEASE_FORCE, RELEASE_TIMEOUT
+from foldcell.skills.grasping.settings import GraspSettings
+from foldcell.skills.grasping.tare import TactileBias
+from foldcell.skills.vocabulary import Failure, FailureKind, Outcome
 
 __all__ = ["NARROW", "Emptied", "EmptyCheck", "check_empty", "start_empty_check"]
 

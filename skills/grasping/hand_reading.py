@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from robots.ports import GripperState, TactileReading
-from skills.vocabulary import Array, Failure, FailureKind
+from foldcell.robots.ports import GripperState, TactileReading
+from foldcell.skills.vocabulary import Array, Failure, FailureKind
 
 __all__ = ["GripCommand", "HandReading", "validate_reading"]
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from robots.ports import Side
-from skills.grasping.settings import GraspSettings
-from skills.vocabulary import Array, Failure, FailureKind
+from foldcell.robots.ports import Side
+from foldcell.skills.grasping.settings import GraspSettings
+from foldcell.skills.vocabulary import Array, Failure, FailureKind
 
 __all__ = ["ConstantPads", "dead_pad", "watch_pads"]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from skills.grasping.hand_reading import GripCommand, HandReading, validate_reading
-from skills.vocabulary import Failure, FailureKind, Outcome
+from foldcell.skills.grasping.hand_reading import GripCommand, HandReading, validate_reading
+from foldcell.skills.vocabulary import Failure, FailureKind, Outcome
 
 __all__ = ["ReleaseState", "Released", "release", "start_release"]
 

@@ -15,12 +15,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from skills.grasping.confirm import OPENING_NOISE, Held
-from skills.grasping.hand_reading import HandReading, validate_reading
-from skills.grasping.live_pads import ConstantPads, watch_pads
-from skills.grasping.settings import GraspSettings
-from skills.grasping.tare import TactileBias
-from skills.vocabulary import Failure, FailureKind, Outcome
+from foldcell.skills.grasping.confirm import OPENING_NOISE, Held
+from foldcell.skills.grasping.hand_reading import HandReading, validate_reading
+from foldcell.skills.grasping.live_pads import ConstantPads, watch_pads
+from foldcell.skills.grasping.settings import GraspSettings
+from foldcell.skills.grasping.tare import TactileBias
+from foldcell.skills.vocabulary import Failure, FailureKind, Outcome
 
 __all__ = ["Channel", "SlipWatch", "start_slip_watch", "watch_slip"]
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from skills.grasping.descend import ARM_STIFFNESS, TIP_STIFFNESS
+from foldcell.skills.grasping.descend import ARM_STIFFNESS, TIP_STIFFNESS
 
 __all__ = ["lower_tip", "standing_height", "to_stand_at"]
 

@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skills.grasping.hand_reading import HandReading, validate_reading
-from skills.grasping.settings import GraspSettings
-from skills.grasping.tare import TARE_READINGS, TactileBias
-from skills.vocabulary import Array, Failure, FailureKind, Outcome
+from foldcell.skills.grasping.hand_reading import HandReading, validate_reading
+from foldcell.skills.grasping.settings import GraspSettings
+from foldcell.skills.grasping.tare import TARE_READINGS, TactileBias
+from foldcell.skills.vocabulary import Array, Failure, FailureKind, Outcome
 
 __all__ = ["Clear", "DragWatch", "StuckCheck", "check_stuck", "start_stuck_check", "watch_drag"]
 

@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from skills.grasping.hand_reading import HandReading, validate_reading
-from skills.grasping.live_pads import dead_pad
-from skills.grasping.settings import GraspSettings
-from skills.vocabulary import Array, Outcome, frozen
+from foldcell.skills.grasping.hand_reading import HandReading, validate_reading
+from foldcell.skills.grasping.live_pads import dead_pad
+from foldcell.skills.grasping.settings import GraspSettings
+from foldcell.skills.vocabulary import Array, Outcome, frozen
 
 __all__ = ["TactileBias", "TareState", "start_tare", "tare"]
 

@@ -13,10 +13,10 @@ from hashlib import blake2b
 import numpy as np
 from numpy.typing import NDArray
 
-from skills.perception.rectification.table_view import BELOW, RectifiedView, TableView
-from skills.perception.segmentation.mask import SMALLEST_AREA
-from skills.perception.settings import PerceptionSettings
-from skills.vocabulary import CameraCalibration, CameraFrame, Failure, FailureKind
+from foldcell.skills.perception.rectification.table_view import BELOW, RectifiedView, TableView
+from foldcell.skills.perception.segmentation.mask import SMALLEST_AREA
+from foldcell.skills.perception.settings import PerceptionSettings
+from foldcell.skills.vocabulary import CameraCalibration, CameraFrame, Failure, FailureKind
 
 __all__ = ["camera_fault", "depth_fault", "picture_digests", "repeated", "same_picture", "table_unseen"]
 

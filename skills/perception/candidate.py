@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robots.ports import Array
-from skills.perception.classify import Match, polygon_iou
-from skills.perception.outline import GarmentOutline, MemberOutline, segment_lengths
-from skills.perception.registration.register import Registration
-from skills.perception.segmentation.mask import Segmentation
-from skills.perception.settings import PerceptionSettings
-from skills.vocabulary import Failure, FailureKind, Outcome
+from foldcell.robots.ports import Array
+from foldcell.skills.perception.classify import Match, polygon_iou
+from foldcell.skills.perception.outline import GarmentOutline, MemberOutline, segment_lengths
+from foldcell.skills.perception.registration.register import Registration
+from foldcell.skills.perception.segmentation.mask import Segmentation
+from foldcell.skills.perception.settings import PerceptionSettings
+from foldcell.skills.vocabulary import Failure, FailureKind, Outcome
 
 __all__ = ["choose_garment", "fit_quality", "misfit", "wanted_garment"]
 

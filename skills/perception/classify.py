@@ -16,10 +16,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array
-from skills.perception.outline import GarmentOutline, MemberOutline, counter_clockwise, polygon_area
-from skills.perception.registration.energy import Boundary, EnergyWeights
-from skills.perception.registration.register import FitSettings, best_starts, fit
+from foldcell.robots.ports import Array
+from foldcell.skills.perception.outline import GarmentOutline, MemberOutline, counter_clockwise, polygon_area
+from foldcell.skills.perception.registration.energy import Boundary, EnergyWeights
+from foldcell.skills.perception.registration.register import FitSettings, best_starts, fit
 
 __all__ = ["Match", "classify", "polygon_iou"]
 

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array
-from skills.perception.perceive import Perception
-from skills.perception.rectification.table_view import TableView
-from skills.perception.segmentation.mask import Segmentation
+from foldcell.robots.ports import Array
+from foldcell.skills.perception.perceive import Perception
+from foldcell.skills.perception.rectification.table_view import TableView
+from foldcell.skills.perception.segmentation.mask import Segmentation
 
 __all__ = ["draw_fitting", "draw_on_camera", "draw_on_view", "draw_overlay", "draw_region"]
 

@@ -19,13 +19,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robots.ports import Array
-from skills.garments.outline_check import crosses_itself
-from skills.perception.classify import polygon_iou
-from skills.perception.outline import GarmentOutline, MemberOutline, counter_clockwise, polygon_area
-from skills.perception.registration.energy import Boundary, closest_segments
-from skills.perception.registration.register import best_starts
-from skills.plane import rotation
+from foldcell.robots.ports import Array
+from foldcell.skills.garments.outline_check import crosses_itself
+from foldcell.skills.perception.classify import polygon_iou
+from foldcell.skills.perception.outline import GarmentOutline, MemberOutline, counter_clockwise, polygon_area
+from foldcell.skills.perception.registration.energy import Boundary, closest_segments
+from foldcell.skills.perception.registration.register import best_starts
+from foldcell.skills.plane import rotation
 
 __all__ = ["FAMILIES", "Family", "Joint", "best_members"]
 

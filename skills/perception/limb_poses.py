@@ -9,12 +9,12 @@ from itertools import product
 
 import numpy as np
 
-from robots.ports import Array
-from skills.perception.classify import polygon_iou
-from skills.perception.outline import GarmentOutline, counter_clockwise, polygon_area
-from skills.perception.registration.energy import Boundary
-from skills.perception.registration.register import best_starts
-from skills.plane import rotation
+from foldcell.robots.ports import Array
+from foldcell.skills.perception.classify import polygon_iou
+from foldcell.skills.perception.outline import GarmentOutline, counter_clockwise, polygon_area
+from foldcell.skills.perception.registration.energy import Boundary
+from foldcell.skills.perception.registration.register import best_starts
+from foldcell.skills.plane import rotation
 
 __all__ = ["PosedOutline", "best_poses", "limb_tips", "posed_template"]
 

@@ -11,8 +11,8 @@ import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from robots.ports import Array
-from skills.plane import cross, lengths_along, rotation
+from foldcell.robots.ports import Array
+from foldcell.skills.plane import cross, lengths_along, rotation
 
 __all__ = [
     "GarmentOutline",
@@ -32,7 +32,7 @@ _MAX_MOMENT_RATIO = 0.9
 
 
 class GarmentOutline(Protocol):
-    """The part of a garment that perception uses; the full type is in `skills.garments`.
+    """The part of a garment that perception uses; the full type is in `foldcell.skills.garments`.
 
     template: (k, 2) outline at nominal size [m], centred on 0, in the orientation in which the garment is laid
     (axes of the table frame). Its vertices are the key points, in the order of `keypoints`.

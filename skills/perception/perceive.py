@@ -10,26 +10,34 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array, frozen
-from skills.perception.camera_fault import camera_fault, same_picture
-from skills.perception.candidate import choose_garment, fit_quality, misfit, wanted_garment
-from skills.perception.classify import Match, classify, polygon_iou
-from skills.perception.family import best_members
-from skills.perception.limb_poses import best_poses
-from skills.perception.outline import GarmentOutline, MemberOutline
-from skills.perception.rectification.heights import garment_height
-from skills.perception.rectification.table_view import TableView
-from skills.perception.registration.accuracy import keypoint_sigmas, probability_within
-from skills.perception.registration.details.cloth_picture import ClothPicture
-from skills.perception.registration.details.picture_refinement import refine_by_picture
-from skills.perception.registration.register import Registration, register
-from skills.perception.segmentation.mask import Segmentation
-from skills.perception.segmentation.photograph import propose_garments
-from skills.perception.settings import PerceptionSettings
-from skills.perception.silhouette import segmentations
-from skills.perception.usable_region import unusable
-from skills.perception.views import Views, open_views
-from skills.vocabulary import CameraCalibration, CameraFrame, Failure, FailureKind, GarmentState, Outcome, Table
+from foldcell.robots.ports import Array, frozen
+from foldcell.skills.perception.camera_fault import camera_fault, same_picture
+from foldcell.skills.perception.candidate import choose_garment, fit_quality, misfit, wanted_garment
+from foldcell.skills.perception.classify import Match, classify, polygon_iou
+from foldcell.skills.perception.family import best_members
+from foldcell.skills.perception.limb_poses import best_poses
+from foldcell.skills.perception.outline import GarmentOutline, MemberOutline
+from foldcell.skills.perception.rectification.heights import garment_height
+from foldcell.skills.perception.rectification.table_view import TableView
+from foldcell.skills.perception.registration.accuracy import keypoint_sigmas, probability_within
+from foldcell.skills.perception.registration.details.cloth_picture import ClothPicture
+from foldcell.skills.perception.registration.details.picture_refinement import refine_by_picture
+from foldcell.skills.perception.registration.register import Registration, register
+from foldcell.skills.perception.segmentation.mask import Segmentation
+from foldcell.skills.perception.segmentation.photograph import propose_garments
+from foldcell.skills.perception.settings import PerceptionSettings
+from foldcell.skills.perception.silhouette import segmentations
+from foldcell.skills.perception.usable_region import unusable
+from foldcell.skills.perception.views import Views, open_views
+from foldcell.skills.vocabulary import (
+    CameraCalibration,
+    CameraFrame,
+    Failure,
+    FailureKind,
+    GarmentState,
+    Outcome,
+    Table,
+)
 
 __all__ = ["Perception", "perceive"]
 

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from skills.perception.segmentation.grabcut import segment_grabcut
-from skills.perception.segmentation.mask import Segmentation
-from skills.perception.segmentation.reference import segment_plain, segment_reference
-from skills.perception.segmentation.watershed import segment_watershed
-from skills.perception.settings import MIN_SEGMENTATION, PerceptionSettings
-from skills.perception.usable_region import intrusion, touches_border
-from skills.perception.views import Views
-from skills.vocabulary import Failure, FailureKind, Outcome
+from foldcell.skills.perception.segmentation.grabcut import segment_grabcut
+from foldcell.skills.perception.segmentation.mask import Segmentation
+from foldcell.skills.perception.segmentation.reference import segment_plain, segment_reference
+from foldcell.skills.perception.segmentation.watershed import segment_watershed
+from foldcell.skills.perception.settings import MIN_SEGMENTATION, PerceptionSettings
+from foldcell.skills.perception.usable_region import intrusion, touches_border
+from foldcell.skills.perception.views import Views
+from foldcell.skills.vocabulary import Failure, FailureKind, Outcome
 
 __all__ = ["find_silhouette", "segmentations"]
 

@@ -6,12 +6,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from skills.perception.rectification.heights import smooth_height, upper
-from skills.perception.rectification.table_view import TableView
-from skills.perception.segmentation.mask import Segmentation
-from skills.perception.segmentation.obstruction import obstruction_failure
-from skills.perception.settings import LITTER_SHARE, MIN_SEGMENTATION, VIEW_BORDER, PerceptionSettings
-from skills.vocabulary import Failure, FailureKind
+from foldcell.skills.perception.rectification.heights import smooth_height, upper
+from foldcell.skills.perception.rectification.table_view import TableView
+from foldcell.skills.perception.segmentation.mask import Segmentation
+from foldcell.skills.perception.segmentation.obstruction import obstruction_failure
+from foldcell.skills.perception.settings import LITTER_SHARE, MIN_SEGMENTATION, VIEW_BORDER, PerceptionSettings
+from foldcell.skills.vocabulary import Failure, FailureKind
 
 __all__ = ["intrusion", "touches_border", "unusable"]
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from skills.perception.camera_fault import camera_fault, depth_fault, table_unseen
-from skills.perception.rectification.heights import height_above
-from skills.perception.rectification.table_view import RectifiedView, TableView
-from skills.perception.segmentation.obstruction import obstructed
-from skills.perception.settings import VIEW_PIXEL, PerceptionSettings
-from skills.vocabulary import CameraCalibration, CameraFrame, Outcome, Table
+from foldcell.skills.perception.camera_fault import camera_fault, depth_fault, table_unseen
+from foldcell.skills.perception.rectification.heights import height_above
+from foldcell.skills.perception.rectification.table_view import RectifiedView, TableView
+from foldcell.skills.perception.segmentation.obstruction import obstructed
+from foldcell.skills.perception.settings import VIEW_PIXEL, PerceptionSettings
+from foldcell.skills.vocabulary import CameraCalibration, CameraFrame, Outcome, Table
 
 __all__ = ["Views", "open_views"]
 

@@ -13,12 +13,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.errors import InternalError
-from skills.fold_figures.folded_mesh import FoldedMesh, doubled_area
-from skills.fold_plan.folding import fold_xy
-from skills.plane import cross, lengths_along, resampled, rotation
-from skills.scoring.verdict import IdealHeights
-from skills.vocabulary import Array, FoldLine
+from foldcell.robots.errors import InternalError
+from foldcell.skills.fold_figures.folded_mesh import FoldedMesh, doubled_area
+from foldcell.skills.fold_plan.folding import fold_xy
+from foldcell.skills.plane import cross, lengths_along, resampled, rotation
+from foldcell.skills.scoring.verdict import IdealHeights
+from foldcell.skills.vocabulary import Array, FoldLine
 
 __all__ = ["AlignedGarment", "FinalGarment"]
 

@@ -21,14 +21,14 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 from scipy.spatial.distance import pdist
 
-from skills.fold_figures.fold_figures import measure_cut_fold
-from skills.fold_figures.folded_mesh import fold_mesh
-from skills.fold_plan.folding import fold_xy
-from skills.fold_plan.plan import ways_to_fold
-from skills.garments.garment import Garment
-from skills.scoring.alignment import AlignedGarment, FinalGarment
-from skills.scoring.verdict import DEFAULT_LIMITS, Figure, Score, ScoreLimits
-from skills.vocabulary import Array
+from foldcell.skills.fold_figures.fold_figures import measure_cut_fold
+from foldcell.skills.fold_figures.folded_mesh import fold_mesh
+from foldcell.skills.fold_plan.folding import fold_xy
+from foldcell.skills.fold_plan.plan import ways_to_fold
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.scoring.alignment import AlignedGarment, FinalGarment
+from foldcell.skills.scoring.verdict import DEFAULT_LIMITS, Figure, Score, ScoreLimits
+from foldcell.skills.vocabulary import Array
 
 __all__ = ["diagonal", "keypoint_offsets", "named_edge_pairs", "score", "score_plan"]
 

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from skills.vocabulary import FoldLine
+from foldcell.skills.vocabulary import FoldLine
 
 __all__ = ["DEFAULT_LIMITS", "Figure", "IdealHeights", "Score", "ScoreLimits"]
 

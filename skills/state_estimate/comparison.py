@@ -15,14 +15,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array, frozen
-from skills.perception.inspection.predicted_view import draw_shape, move_view, outline_of
-from skills.perception.rectification.heights import LOFTY
-from skills.perception.registration.alignment import align
-from skills.plane import rotation
-from skills.state_estimate.hypothesis import Hypothesis
-from skills.state_estimate.observation import Observation
-from skills.vocabulary import PredictedShape
+from foldcell.robots.ports import Array, frozen
+from foldcell.skills.perception.inspection.predicted_view import draw_shape, move_view, outline_of
+from foldcell.skills.perception.rectification.heights import LOFTY
+from foldcell.skills.perception.registration.alignment import align
+from foldcell.skills.plane import rotation
+from foldcell.skills.state_estimate.hypothesis import Hypothesis
+from foldcell.skills.state_estimate.observation import Observation
+from foldcell.skills.vocabulary import PredictedShape
 
 __all__ = ["Fit", "fit"]
 

@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array
-from skills.state_estimate.estimate import StateEstimate
-from skills.state_estimate.hypothesis import FoldState
-from skills.state_estimate.observation import Observation
+from foldcell.robots.ports import Array
+from foldcell.skills.state_estimate.estimate import StateEstimate
+from foldcell.skills.state_estimate.hypothesis import FoldState
+from foldcell.skills.state_estimate.observation import Observation
 
 __all__ = ["draw_estimate"]
 

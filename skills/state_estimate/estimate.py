@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from robots.ports import Array
-from skills.state_estimate.comparison import Fit, fit
-from skills.state_estimate.hypothesis import FoldState, Hypothesis, Interruption
-from skills.state_estimate.observation import Observation
-from skills.vocabulary import GraspId, PredictedShape
+from foldcell.robots.ports import Array
+from foldcell.skills.state_estimate.comparison import Fit, fit
+from foldcell.skills.state_estimate.hypothesis import FoldState, Hypothesis, Interruption
+from foldcell.skills.state_estimate.observation import Observation
+from foldcell.skills.vocabulary import GraspId, PredictedShape
 
 __all__ = ["COMPLETED", "PRIORS", "StateEstimate", "estimate_state"]
 

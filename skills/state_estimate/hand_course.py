@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from robots.ports import Array
-from skills.cloth.predict import HANDS
-from skills.vocabulary import GraspId
+from foldcell.robots.ports import Array
+from foldcell.skills.cloth.predict import HANDS
+from foldcell.skills.vocabulary import GraspId
 
 __all__ = ["HandCourse", "held_until", "without_gaps"]
 

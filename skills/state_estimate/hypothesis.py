@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from skills.vocabulary import GraspId, PredictedShape
+from foldcell.skills.vocabulary import GraspId, PredictedShape
 
 __all__ = ["FoldState", "Hypothesis", "Interruption"]
 

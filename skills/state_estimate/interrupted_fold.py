@@ -6,13 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from skills.cloth.mesh import ClothMesh
-from skills.cloth.pinch import PadGeometry
-from skills.cloth.predict import HANDS, sample_paths
-from skills.cloth.solver import ClothSimulation
-from skills.state_estimate.hand_course import HandCourse
-from skills.state_estimate.hypothesis import Interruption
-from skills.vocabulary import Array, GraspId, Material, ToolPath, frozen
+from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.cloth.pinch import PadGeometry
+from foldcell.skills.cloth.predict import HANDS, sample_paths
+from foldcell.skills.cloth.solver import ClothSimulation
+from foldcell.skills.state_estimate.hand_course import HandCourse
+from foldcell.skills.state_estimate.hypothesis import Interruption
+from foldcell.skills.vocabulary import Array, GraspId, Material, ToolPath, frozen
 
 __all__ = ["simulate_interruptions"]
 

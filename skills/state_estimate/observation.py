@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array, frozen
-from skills.perception.rectification.table_view import TableView
-from skills.perception.settings import PerceptionSettings
-from skills.perception.silhouette import find_silhouette
-from skills.perception.views import open_views
-from skills.vocabulary import CameraCalibration, CameraFrame, Outcome, Table
+from foldcell.robots.ports import Array, frozen
+from foldcell.skills.perception.rectification.table_view import TableView
+from foldcell.skills.perception.settings import PerceptionSettings
+from foldcell.skills.perception.silhouette import find_silhouette
+from foldcell.skills.perception.views import open_views
+from foldcell.skills.vocabulary import CameraCalibration, CameraFrame, Outcome, Table
 
 __all__ = ["Observation", "observe"]
 

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from skills.state_estimate.comparison import Fit
-from skills.state_estimate.estimate import StateEstimate
-from skills.state_estimate.hypothesis import FoldState, Interruption
-from skills.vocabulary import GraspId
+from foldcell.skills.state_estimate.comparison import Fit
+from foldcell.skills.state_estimate.estimate import StateEstimate
+from foldcell.skills.state_estimate.hypothesis import FoldState, Interruption
+from foldcell.skills.vocabulary import GraspId
 
 __all__ = ["describe"]
 

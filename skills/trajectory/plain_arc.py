@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from skills.garments.garment import Garment
-from skills.trajectory.arcs.bezier import arc_controls
-from skills.trajectory.arcs.frame import frames_of
-from skills.trajectory.arcs.paths import fold_duration, tool_paths
-from skills.trajectory.search.optimise import PLAIN_H
-from skills.trajectory.search.problem import MAX_HEIGHT
-from skills.vocabulary import FoldStep, GraspId, GraspTrajectory, ToolPath
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.trajectory.arcs.bezier import arc_controls
+from foldcell.skills.trajectory.arcs.frame import frames_of
+from foldcell.skills.trajectory.arcs.paths import fold_duration, tool_paths
+from foldcell.skills.trajectory.search.optimise import PLAIN_H
+from foldcell.skills.trajectory.search.problem import MAX_HEIGHT
+from foldcell.skills.vocabulary import FoldStep, GraspId, GraspTrajectory, ToolPath
 
 __all__ = ["plain_paths", "plain_trajectory"]
 

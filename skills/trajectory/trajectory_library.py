@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from skills.trajectory.arcs.bezier import arc_lengths
-from skills.trajectory.arcs.frame import frames_of
-from skills.trajectory.arcs.paths import fold_duration
-from skills.trajectory.search.objective import cost
-from skills.vocabulary import Array, FoldStep, GraspId, GraspTrajectory, Material, frozen
+from foldcell.skills.trajectory.arcs.bezier import arc_lengths
+from foldcell.skills.trajectory.arcs.frame import frames_of
+from foldcell.skills.trajectory.arcs.paths import fold_duration
+from foldcell.skills.trajectory.search.objective import cost
+from foldcell.skills.vocabulary import Array, FoldStep, GraspId, GraspTrajectory, Material, frozen
 
 __all__ = [
     "SCHEMA",

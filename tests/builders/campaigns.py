@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from cell.campaigns.trials.campaign import Campaign, TrialRequest
-from cell.campaigns.trials.trial import Trial
-from cell.record.run_record import FailureRecord, FoldRecord, RunRecord, RunResult
-from cell.states.transition_table import State
-from robots.errors import FailureKind
+from foldcell.cell.campaigns.trials.campaign import Campaign, TrialRequest
+from foldcell.cell.campaigns.trials.trial import Trial
+from foldcell.cell.record.run_record import FailureRecord, FoldRecord, RunRecord, RunResult
+from foldcell.cell.states.transition_table import State
+from foldcell.robots.errors import FailureKind
 from tests.builders.records import run_record, score_record
 
 __all__ = ["FINISHED", "logged_fold", "record", "request", "trial", "trials_campaign"]

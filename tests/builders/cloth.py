@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from robots.ports import Array
-from skills.cloth.elasticity import shuffled
-from skills.cloth.mesh import ClothMesh
-from skills.cloth.solver import ClothSimulation
-from skills.plane import rotation
-from skills.vocabulary import Material
+from foldcell.robots.ports import Array
+from foldcell.skills.cloth.elasticity import shuffled
+from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.cloth.solver import ClothSimulation
+from foldcell.skills.plane import rotation
+from foldcell.skills.vocabulary import Material
 
 __all__ = ["COTTON", "EVERY_EDGE", "call", "crease_angles", "straight", "turned"]
 

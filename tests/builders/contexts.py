@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from cell.states.fold_context import FoldContext
-from cell.states.run_context import RunContext, Sight
-from cell.states.stages import Attempt, Plan, Recognition
-from skills.cloth.mesh import mesh_from_contour
-from skills.vocabulary import GarmentState
+from foldcell.cell.states.fold_context import FoldContext
+from foldcell.cell.states.run_context import RunContext, Sight
+from foldcell.cell.states.stages import Attempt, Plan, Recognition
+from foldcell.skills.cloth.mesh import mesh_from_contour
+from foldcell.skills.vocabulary import GarmentState
 
 __all__ = ["context_with"]
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from cell.config.cell_settings import load_settings
-from cell.operator.console.run_status import RunStatus
-from cell.record.run_record import RunRecord, ScoreRecord
-from cell.record.run_record_builder import RunRecordBuilder
-from cell.states.fold_request import FoldRequest
-from cell.states.transition_table import State
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.operator.console.run_status import RunStatus
+from foldcell.cell.record.run_record import RunRecord, ScoreRecord
+from foldcell.cell.record.run_record_builder import RunRecordBuilder
+from foldcell.cell.states.fold_request import FoldRequest
+from foldcell.cell.states.transition_table import State
 
 __all__ = ["record_builder", "run_record", "run_status", "score_record"]
 

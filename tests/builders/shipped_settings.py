@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from functools import partial
 
-from cell.config.cell_settings import load_settings
-from cell.hardware.assembly import execution_limits
-from skills.perception import perceive as perceiving
-from skills.perception.inspection import inspect as inspecting
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.hardware.assembly import execution_limits
+from foldcell.skills.perception import perceive as perceiving
+from foldcell.skills.perception.inspection import inspect as inspecting
 
 __all__ = ["GRASP", "INSPECTION", "LIMITS", "PERCEPTION", "inspect", "perceive"]
 

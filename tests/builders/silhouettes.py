@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from robots.ports import Array
+from foldcell.robots.ports import Array
 
 __all__ = ["Silhouette"]
 

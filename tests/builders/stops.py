@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from robots.model import JointLimits
-from robots.ports import ArmTrajectory
-from skills.motion.timing.timing import STOP_TIME, ClockWarp, warp_clock, warped
+from foldcell.robots.model import JointLimits
+from foldcell.robots.ports import ArmTrajectory
+from foldcell.skills.motion.timing.timing import STOP_TIME, ClockWarp, warp_clock, warped
 
 __all__ = ["stop_profile"]
 

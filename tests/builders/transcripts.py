@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from cell.transcript.channels import CellConstants
-from cell.transcript.transcript import TRANSCRIPT, TranscriptWriter
-from cell.transcript.transcript_codec import Exchange, pack
+from foldcell.cell.transcript.channels import CellConstants
+from foldcell.cell.transcript.transcript import TRANSCRIPT, TranscriptWriter
+from foldcell.cell.transcript.transcript_codec import Exchange, pack
 
 __all__ = ["write_transcript"]
 

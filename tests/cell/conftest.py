@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from cell.journal.journal import Entry, Journal, JournalRun
-from cell.record.run_record import RunRecord
-from cell.states.fold_request import FoldRequest
+from foldcell.cell.journal.journal import Entry, Journal, JournalRun
+from foldcell.cell.record.run_record import RunRecord
+from foldcell.cell.states.fold_request import FoldRequest
 from tests.runs import Onlooker, fold_request
 
 SETTINGS = {"optimiser": {"simulations": 2, "use_library": False}, "recorder": {"key_frames": 6}}

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from cell.campaigns.trials.campaign import read_campaign
-from cell.config.cell_settings import load_settings
-from cell.config.yaml_file import merge
-from cell.runs.fold_run import fold_once
+from foldcell.cell.campaigns.trials.campaign import read_campaign
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.config.yaml_file import merge
+from foldcell.cell.runs.fold_run import fold_once
 from tests.runs import PLAIN, fold_request, once_folded_towel
 
 pytestmark = pytest.mark.slow

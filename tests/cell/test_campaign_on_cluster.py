@@ -15,13 +15,13 @@ from typing import Any
 
 import pytest
 
-from cell.campaigns.executors import cluster_workers, local_workers
-from cell.campaigns.perform_campaign import perform_campaign
-from cell.campaigns.trials.campaign import read_campaign
-from cell.campaigns.trials.store import CampaignFolder
-from cell.campaigns.trials.trial import Trial
-from cell.config.cell_settings import load_settings
-from robots.errors import ConfigurationError
+from foldcell.cell.campaigns.executors import cluster_workers, local_workers
+from foldcell.cell.campaigns.perform_campaign import perform_campaign
+from foldcell.cell.campaigns.trials.campaign import read_campaign
+from foldcell.cell.campaigns.trials.store import CampaignFolder
+from foldcell.cell.campaigns.trials.trial import Trial
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.robots.errors import ConfigurationError
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
@@ -104,7 +104,7 @@ def test_a_campaign_loses_nothing_with_a_killed_worker_and_equals_that_of_one_pr
 
 
 def test_a_cluster_that_does_not_answer_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cell.campaigns.executors.PATIENCE_S", 1.0)
+    monkeypatch.setattr("foldcell.cell.campaigns.executors.PATIENCE_S", 1.0)
     nobody = cluster_workers("tcp://127.0.0.1:9", tmp_path)
     with pytest.raises(ConfigurationError, match="no Dask scheduler"), nobody:
         pass

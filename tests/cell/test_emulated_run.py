@@ -36,7 +36,7 @@ expect:
 def foldcell(*arguments: str) -> tuple[int, dict[str, Any]]:
     """Run a command in its own process, because a process can be a ROS node only once."""
     done = subprocess.run(
-        [sys.executable, "-m", "cell.commands.main", *arguments, "--driver", "emulator", "--json"],
+        [sys.executable, "-m", "foldcell.cell.commands.main", *arguments, "--driver", "emulator", "--json"],
         capture_output=True, text=True, timeout=500, cwd=Path(__file__).parents[2], check=False,
         env={**os.environ, "ROS_MASTER_URI": "http://192.0.2.1:11311"},  # a robot that must not be contacted
     )  # fmt: skip

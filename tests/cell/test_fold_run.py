@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.config.trajectory_library.library_file import load_library
-from cell.executive.machine import Executive
-from cell.journal.journal import Entry
-from cell.record.run_record import NOTHING_LOST, read_record, record_of
-from cell.states.transition_table import TERMINAL, Effect, Event, State
-from cell.support.process.lock import is_held
-from robots.baxter.robot import load_model
-from skills.motion.validation.collision import CollisionChecker
+from foldcell.cell.config.trajectory_library.library_file import load_library
+from foldcell.cell.executive.machine import Executive
+from foldcell.cell.journal.journal import Entry
+from foldcell.cell.record.run_record import NOTHING_LOST, read_record, record_of
+from foldcell.cell.states.transition_table import TERMINAL, Effect, Event, State
+from foldcell.cell.support.process.lock import is_held
+from foldcell.robots.baxter.robot import load_model
+from foldcell.skills.motion.validation.collision import CollisionChecker
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 

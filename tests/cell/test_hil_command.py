@@ -13,10 +13,10 @@ from xml.etree import ElementTree
 
 import pytest
 
-from cell.campaigns.hil.script import Script
-from cell.campaigns.hil.script_run import ScriptResult
-from cell.commands.main import main
-from cell.record.run_record import NOTHING_LOST, read_record
+from foldcell.cell.campaigns.hil.script import Script
+from foldcell.cell.campaigns.hil.script_run import ScriptResult
+from foldcell.cell.commands.main import main
+from foldcell.cell.record.run_record import NOTHING_LOST, read_record
 from tests.runs import decided_again
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
@@ -91,7 +91,7 @@ def test_results_are_kept_when_a_signal_arrives_between_two_runs(
             os.kill(os.getpid(), number)
         return ScriptResult(script, ("it did not pass",), None, 1.0)
 
-    monkeypatch.setattr("cell.commands.run.hil.run_script", perform)
+    monkeypatch.setattr("foldcell.cell.commands.run.hil.run_script", perform)
     junit = tmp_path / "hil.xml"
     scripts = [str(path) for path in sorted(SHIPPED.glob("*.yaml"))[:3]]
     default = signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL
@@ -111,7 +111,7 @@ def test_a_killed_campaign_keeps_the_results_of_finished_scripts(tmp_path: Path)
     bad.write_text(STOPPED, encoding="utf-8")
     logs = tmp_path / "logs"
     scripts = [str(bad), str(SHIPPED / "folds_unhurt.yaml")]
-    line = [sys.executable, "-m", "cell.commands.main", "hil", *scripts, "--logs", str(logs)]
+    line = [sys.executable, "-m", "foldcell.cell.commands.main", "hil", *scripts, "--logs", str(logs)]
     with subprocess.Popen(line, stdout=subprocess.PIPE, text=True) as campaign:
         assert campaign.stdout is not None
         next(told for told in campaign.stdout if told.startswith("  2/2"))
@@ -124,6 +124,6 @@ def test_a_killed_campaign_keeps_the_results_of_finished_scripts(tmp_path: Path)
 def test_a_closed_output_pipe_does_not_change_the_exit_code(tmp_path: Path) -> None:
     bad = tmp_path / "stopped.yaml"
     bad.write_text(STOPPED, encoding="utf-8")
-    hil = f"{sys.executable} -m cell.commands.main hil {bad} {bad} --logs {tmp_path / 'logs'}"
+    hil = f"{sys.executable} -m foldcell.cell.commands.main hil {bad} {bad} --logs {tmp_path / 'logs'}"
     line = f"{hil} | true; exit ${{PIPESTATUS[0]}}"
     assert subprocess.run(["bash", "-c", line], stderr=subprocess.DEVNULL).returncode == 2

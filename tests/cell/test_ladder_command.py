@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from cell.calibrating.session import CalibrationRequest
-from cell.campaigns.ladder.climb import Passes, climb
-from cell.campaigns.ladder.steps import STEPS
-from cell.config.cell_settings import load_settings
-from cell.journal.journal import Journal
-from cell.support.files.paths import journal_path
+from foldcell.cell.calibrating.session import CalibrationRequest
+from foldcell.cell.campaigns.ladder.climb import Passes, climb
+from foldcell.cell.campaigns.ladder.steps import STEPS
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.journal.journal import Journal
+from foldcell.cell.support.files.paths import journal_path
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 

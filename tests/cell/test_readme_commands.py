@@ -44,7 +44,7 @@ def test_every_command_that_readme_shows_does_what_it_says(tmp_path: Path) -> No
     environment = {**screenless, "FOLDCELL_LOGS": str(tmp_path / "logs")}
     for command in commands:
         if command in ENDING:
-            line = [sys.executable, "-m", "cell.commands.main", *command.split()]
+            line = [sys.executable, "-m", "foldcell.cell.commands.main", *command.split()]
             ended = subprocess.run(line, cwd=ROOT, env=environment, capture_output=True, text=True)
             assert ended.returncode == 0, f"{command}: {ended.stdout}{ended.stderr}"
         elif command in SERVING:
@@ -54,7 +54,7 @@ def test_every_command_that_readme_shows_does_what_it_says(tmp_path: Path) -> No
 
 def serve_and_interrupt(command: str, environment: dict[str, str]) -> None:
     """Start the command, fetch its page, and interrupt it as Ctrl-C does."""
-    line = [sys.executable, "-m", "cell.commands.main", *command.split()]
+    line = [sys.executable, "-m", "foldcell.cell.commands.main", *command.split()]
     output = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
     with subprocess.Popen(line, cwd=ROOT, env=environment, text=True, **output) as program:  # type: ignore[call-overload]
         told = []

@@ -15,21 +15,21 @@ import numpy as np
 import pytest
 import yaml
 
-from cell.commands.main import main
-from cell.hardware.driver import OpenCell
-from cell.journal.frame_store import FRAMES, FrameStore
-from cell.journal.journal import JournalRun
-from cell.runs.decide_again import Verdict, decide_again
-from cell.runs.fold_run import fold_once
-from cell.states.commands import CommandQueue
-from cell.states.observers import Step
-from cell.states.transition_table import Effect, Event
-from cell.transcript.channels import Channel
-from cell.transcript.replay_ports import NoRecordedAnswer
-from cell.transcript.transcript import TRANSCRIPT, Transcript
-from cell.transcript.transcript_codec import Exchange, Picture, unpack
-from robots.errors import ConfigurationError, StorageError
-from robots.ports import Clock, Ports, frozen
+from foldcell.cell.commands.main import main
+from foldcell.cell.hardware.driver import OpenCell
+from foldcell.cell.journal.frame_store import FRAMES, FrameStore
+from foldcell.cell.journal.journal import JournalRun
+from foldcell.cell.runs.decide_again import Verdict, decide_again
+from foldcell.cell.runs.fold_run import fold_once
+from foldcell.cell.states.commands import CommandQueue
+from foldcell.cell.states.observers import Step
+from foldcell.cell.states.transition_table import Effect, Event
+from foldcell.cell.transcript.channels import Channel
+from foldcell.cell.transcript.replay_ports import NoRecordedAnswer
+from foldcell.cell.transcript.transcript import TRANSCRIPT, Transcript
+from foldcell.cell.transcript.transcript_codec import Exchange, Picture, unpack
+from foldcell.robots.errors import ConfigurationError, StorageError
+from foldcell.robots.ports import Clock, Ports, frozen
 from tests.builders.transcripts import write_transcript
 from tests.runs import decided_again, fold_request
 
@@ -222,7 +222,7 @@ def test_changed_settings_are_reported_at_the_first_decision_they_change(seen: A
 def test_a_changed_program_is_reported_at_the_first_decision_it_changes(
     seen: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("cell.executive.effects.moving.HEAD_TURN_S", 1.0)
+    monkeypatch.setattr("foldcell.cell.executive.effects.moving.HEAD_TURN_S", 1.0)
     assert main(["replay", "last", "--decide", "--logs", str(seen.request.logs)]) == 2
     text = capsys.readouterr().out
     assert "ANOTHER DECISION at 1.00 s, state preparing, effect prepare" in text

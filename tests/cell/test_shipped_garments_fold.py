@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from cell.campaigns.hil.script import read_script
-from cell.runs.fold_run import fold_once
+from foldcell.cell.campaigns.hil.script import read_script
+from foldcell.cell.runs.fold_run import fold_once
 from tests.runs import fold_request
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import foldcell
-from cell.commands.main import main
+from foldcell.cell.commands.main import main
 from tests.runs import decided_again
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]

@@ -14,7 +14,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from cell.runs.fold_run import fold_once
+from foldcell.cell.runs.fold_run import fold_once
 from tests.runs import decided_again, fold_request
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
@@ -68,10 +68,11 @@ def test_an_operator_approves_pauses_resumes_and_aborts_on_the_page(
     addresses: Queue[str] = Queue()
     pages = "operator's page: "
     monkeypatch.setattr(
-        "cell.runs.run_observers.say", lambda text: addresses.put(text.split()[-1]) if pages in text else None
+        "foldcell.cell.runs.run_observers.say",
+        lambda text: addresses.put(text.split()[-1]) if pages in text else None,
     )
     clock = SimpleNamespace(monotonic=lambda: PACE * time.monotonic(), sleep=lambda s: time.sleep(s / PACE))
-    monkeypatch.setattr("cell.simulation.world.time", clock)
+    monkeypatch.setattr("foldcell.cell.simulation.world.time", clock)
     operator = Operator(addresses)
     operator.start()
     request = fold_request(tmp_path, approve=True, terminal=False, page=True, realtime=True, record=True)

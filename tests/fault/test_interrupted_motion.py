@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.control.motions.trajectory import stream
-from cell.control.path_clock import PathControl
-from cell.executive.effects.moving import hold_still
-from cell.hardware.workcell import Workcell
-from cell.simulation import Fault, FaultKind, SimulatedCell, SimulationSettings, open_simulated_cell
-from cell.states.run_context import RunContext
-from robots.baxter.robot import load_model
-from robots.errors import DriverError, Failure, FailureKind
-from robots.ports import ArmTrajectory, Ports, Side
-from skills.motion.timing.timing import free_motion
+from foldcell.cell.control.motions.trajectory import stream
+from foldcell.cell.control.path_clock import PathControl
+from foldcell.cell.executive.effects.moving import hold_still
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.simulation import Fault, FaultKind, SimulatedCell, SimulationSettings, open_simulated_cell
+from foldcell.cell.states.run_context import RunContext
+from foldcell.robots.baxter.robot import load_model
+from foldcell.robots.errors import DriverError, Failure, FailureKind
+from foldcell.robots.ports import ArmTrajectory, Ports, Side
+from foldcell.skills.motion.timing.timing import free_motion
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
 

@@ -15,9 +15,9 @@ from typing import Any
 import pytest
 import yaml
 
-from cell.journal.journal import Journal
-from cell.simulation import Fault, FaultKind
-from robots.errors import StorageError
+from foldcell.cell.journal.journal import Journal
+from foldcell.cell.simulation import Fault, FaultKind
+from foldcell.robots.errors import StorageError
 from tests.runs import FEW_PICTURES, PLAIN, Onlooker, fold_request, once_folded_towel
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
@@ -26,7 +26,7 @@ LONGEST_S = 240.0
 
 
 def foldcell(*line: str, timeout: float = 60.0) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "cell.commands.main", *line]
+    command = [sys.executable, "-m", "foldcell.cell.commands.main", *line]
     return subprocess.run(command, capture_output=True, text=True, timeout=timeout)
 
 
@@ -59,7 +59,7 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     settings.write_text(yaml.safe_dump({"recorder": dict(FEW_PICTURES), **PLAIN}), encoding="utf-8")
     line = ["fold", once_folded_towel(folder), "--seed", "1", "--cell", str(settings), "--logs", str(logs)]
     with (folder / "output").open("w") as output:
-        command = [sys.executable, "-m", "cell.commands.main", *line]
+        command = [sys.executable, "-m", "foldcell.cell.commands.main", *line]
         process = subprocess.Popen(command, stdout=output, stderr=output)
     try:
         deadline = time.monotonic() + LONGEST_S

@@ -16,19 +16,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.config.garments.garment_file import load_garment
-from cell.journal.journal import Journal
-from cell.simulation import Fault, FaultKind
-from cell.states.commands import CommandQueue
-from cell.states.fold_request import FoldRequest
-from cell.states.recovery_table import Adjustment
-from cell.states.transition_table import Effect, Event
-from robots.baxter.robot import load_model
-from robots.errors import Failure, FailureKind
-from robots.ports import Ports
-from skills.motion.moves.fold import plan_fold_motion
-from skills.trajectory.search.optimise import optimise_fold
-from skills.vocabulary import Outcome
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.journal.journal import Journal
+from foldcell.cell.simulation import Fault, FaultKind
+from foldcell.cell.states.commands import CommandQueue
+from foldcell.cell.states.fold_request import FoldRequest
+from foldcell.cell.states.recovery_table import Adjustment
+from foldcell.cell.states.transition_table import Effect, Event
+from foldcell.robots.baxter.robot import load_model
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.ports import Ports
+from foldcell.skills.motion.moves.fold import plan_fold_motion
+from foldcell.skills.trajectory.search.optimise import optimise_fold
+from foldcell.skills.vocabulary import Outcome
 from tests.runs import PLAIN, Onlooker, decided_again, fold_request, once_folded_towel
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
@@ -65,7 +65,7 @@ def test_losing_the_journal_during_a_fold_ends_the_run_as_a_fault(
     def lose(*_: Any) -> None:
         journals[0]._connection.execute("PRAGMA query_only = ON")
 
-    monkeypatch.setattr("cell.runs.ownership.Journal.open", keep)
+    monkeypatch.setattr("foldcell.cell.runs.ownership.Journal.open", keep)
     onlooker, request = Onlooker(before={Effect.FOLD: lose}), fold_request(tmp_path, record=True)
     result = onlooker.fold(request)
     monkeypatch.undo()
@@ -137,7 +137,7 @@ def test_the_initial_arc_is_used_when_the_optimiser_fails(tmp_path: Path, monkey
         failure = Failure(FailureKind.OPTIMISER_FAILED, "no simulation came to an end", "look again")
         return Outcome(failure=failure, notes={"simulations": 7})
 
-    monkeypatch.setattr("cell.planning.fold_planning.optimise_fold", broken)
+    monkeypatch.setattr("foldcell.cell.planning.fold_planning.optimise_fold", broken)
     onlooker = Onlooker()
     request = fold_request(tmp_path, {"optimiser": {"use_library": False}})
     onlooker.after[Effect.PLAN_MOTION] = abort
@@ -154,7 +154,9 @@ def test_the_initial_arc_is_used_when_the_optimiser_fails(tmp_path: Path, monkey
 
 def test_a_run_ends_when_the_optimiser_always_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     failure = Failure(FailureKind.OPTIMISER_FAILED, "no simulation came to an end", "look again")
-    monkeypatch.setattr("cell.planning.fold_planning.optimise_fold", lambda *_, **__: Outcome(failure=failure))
+    monkeypatch.setattr(
+        "foldcell.cell.planning.fold_planning.optimise_fold", lambda *_, **__: Outcome(failure=failure)
+    )
     onlooker = Onlooker()
     result = onlooker.fold(fold_request(tmp_path))
     assert (result.state, result.failure.kind) == ("not_folded", "optimiser_failed")
@@ -167,7 +169,7 @@ def test_a_crashing_skill_ends_the_run_as_a_fault_with_parked_arms(
     def crash(*_: Any, **__: Any) -> None:
         raise ZeroDivisionError("of course")
 
-    monkeypatch.setattr("cell.executive.effects.seeing.perceive", crash)
+    monkeypatch.setattr("foldcell.cell.executive.effects.seeing.perceive", crash)
     onlooker, request = Onlooker(), fold_request(tmp_path)
     result = onlooker.fold(request)
     assert (result.result, result.exit_code) == ("fault", 3)
@@ -187,7 +189,7 @@ def test_an_unreachable_fold_uses_the_other_variant_of_the_plan(
             return Outcome(failure=Failure(FailureKind.UNREACHABLE, "something stands there", "move it"))
         return plan_fold_motion(robot, checker, table, step, *rest, **options)
 
-    monkeypatch.setattr("cell.planning.fold_planning.plan_fold_motion", blocked)
+    monkeypatch.setattr("foldcell.cell.planning.fold_planning.plan_fold_motion", blocked)
     onlooker = Onlooker()
     request = fold_request(
         tmp_path, {}, garment=once_folded_towel(tmp_path), seed=5, record_truth=True, record=True

@@ -10,17 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.journal.journal import Journal
-from cell.record.run_record import RunRecord
-from cell.runs.checkpoint_writer import CheckpointWriter, Interrupted, interrupted_run
-from cell.states.commands import CommandQueue
-from cell.states.fold_request import FoldRequest
-from cell.states.run_context import RunContext
-from cell.states.transition_table import Effect, Event
-from cell.support.files.packing import packed
-from robots.baxter.robot import load_model
-from robots.errors import StorageError
-from robots.ports import Ports
+from foldcell.cell.journal.journal import Journal
+from foldcell.cell.record.run_record import RunRecord
+from foldcell.cell.runs.checkpoint_writer import CheckpointWriter, Interrupted, interrupted_run
+from foldcell.cell.states.commands import CommandQueue
+from foldcell.cell.states.fold_request import FoldRequest
+from foldcell.cell.states.run_context import RunContext
+from foldcell.cell.states.transition_table import Effect, Event
+from foldcell.cell.support.files.packing import packed
+from foldcell.robots.baxter.robot import load_model
+from foldcell.robots.errors import StorageError
+from foldcell.robots.ports import Ports
 from tests.runs import Onlooker, decided_again, fold_request, once_folded_towel
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]

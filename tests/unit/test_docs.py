@@ -11,23 +11,23 @@ from pathlib import Path
 
 import pytest
 
-from cell.campaigns.hil.script import read_script
-from cell.commands.main import build_parser
-from cell.config.cell_settings import load_settings
-from cell.config.garments.garment_file import list_garments
-from cell.control import rest, ticks
-from cell.control.checks import MAX_ALTERED
-from cell.control.motions import trajectory
-from cell.executive.effects import seeing
-from cell.executive.effects.recovery import ways_out
-from cell.hardware.cell_check import cell_findings
-from cell.states import recovery_table
-from cell.states.transition_table import Event
-from robots import setpoint
-from robots.baxter.ros import electric_gripper
-from robots.baxter.ros.ports import arms
-from robots.errors import FailureKind
-from skills.motion.timing import timing
+from foldcell.cell.campaigns.hil.script import read_script
+from foldcell.cell.commands.main import build_parser
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.config.garments.garment_file import list_garments
+from foldcell.cell.control import rest, ticks
+from foldcell.cell.control.checks import MAX_ALTERED
+from foldcell.cell.control.motions import trajectory
+from foldcell.cell.executive.effects import seeing
+from foldcell.cell.executive.effects.recovery import ways_out
+from foldcell.cell.hardware.cell_check import cell_findings
+from foldcell.cell.states import recovery_table
+from foldcell.cell.states.transition_table import Event
+from foldcell.robots import setpoint
+from foldcell.robots.baxter.ros import electric_gripper
+from foldcell.robots.baxter.ros.ports import arms
+from foldcell.robots.errors import FailureKind
+from foldcell.skills.motion.timing import timing
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from cell.commands.main import build_parser
+from foldcell.cell.commands.main import build_parser
 
 FORMS = sorted((Path(__file__).resolve().parents[2] / ".github" / "ISSUE_TEMPLATE").glob("*.yml"))
 

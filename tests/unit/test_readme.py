@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from cell.campaigns.statistics.proportions import wilson_interval
-from cell.record.words import interval
+from foldcell.cell.campaigns.statistics.proportions import wilson_interval
+from foldcell.cell.record.words import interval
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

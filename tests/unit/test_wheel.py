@@ -17,7 +17,7 @@ from benchmarks.release import (
     try_wheel,
     wheel_problems,
 )
-from cell.journal.journal import Journal
+from foldcell.cell.journal.journal import Journal
 from tests.builders.records import run_record
 from tests.optional_parts import BUILD, GIT
 
@@ -45,16 +45,17 @@ def test_the_wheel_holds_the_packages_and_nothing_else(wheel: Path, tree: Path) 
 
 
 def test_a_wheel_of_a_wrong_content_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "foldcell").mkdir()
     for package in PACKAGES:
         (tmp_path / package).mkdir()
         (tmp_path / package / "page.html").write_text("a page")
     with zipfile.ZipFile(tmp_path / "a.whl", "w") as archive:
         for package in PACKAGES[1:]:
-            archive.writestr(f"{package}/page.html", "a page")
+            archive.writestr(f"foldcell/{package}/page.html", "a page")
         archive.writestr("benchmarks/start.py", "")
         archive.writestr("foldcell-0.1.dist-info/licenses/LICENSE", "")
     assert wheel_problems(tmp_path / "a.whl", tmp_path) == [
-        f"{PACKAGES[0]}/page.html is missing",
+        f"foldcell/{PACKAGES[0]}/page.html is missing",
         "benchmarks/start.py is too much",
         "licenses/NOTICE is missing",
     ]

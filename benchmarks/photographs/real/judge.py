@@ -17,7 +17,7 @@ import foldcell
 from benchmarks.photographs.judge import calibration_error, largest_error
 from benchmarks.photographs.limits import Limits, print_figures
 from benchmarks.photographs.photograph import Photograph
-from robots.errors import FailureKind
+from foldcell.robots.errors import FailureKind
 
 NEAR = 0.02
 """All key points within this share of the garment's diagonal: right."""

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
 
-from cell.campaigns.dashboard.entries import RunEntry
-from cell.journal.journal import Entry, Journal, JournalRun
-from cell.record.words import figure, figure_name, plain, value_in_words
-from cell.report.camera_pictures.question_files import FOLDER as QUESTIONS
-from cell.runs.run_difference import RunDifference, run_difference
-from cell.support.files.paths import journal_path
-from robots.errors import CellError
-from skills.scoring.verdict import Figure
+from foldcell.cell.campaigns.dashboard.entries import RunEntry
+from foldcell.cell.journal.journal import Entry, Journal, JournalRun
+from foldcell.cell.record.words import figure, figure_name, plain, value_in_words
+from foldcell.cell.report.camera_pictures.question_files import FOLDER as QUESTIONS
+from foldcell.cell.runs.run_difference import RunDifference, run_difference
+from foldcell.cell.support.files.paths import journal_path
+from foldcell.robots.errors import CellError
+from foldcell.skills.scoring.verdict import Figure
 
 __all__ = ["Comparison", "PicturePair", "Row", "Value", "compare_runs"]
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from cell.campaigns.trials.trial import failed_figures
-from cell.hardware.driver_names import is_simulated
-from cell.record.run_record import Ending, RunRecord
-from cell.record.words import garment_name, plain
+from foldcell.cell.campaigns.trials.trial import failed_figures
+from foldcell.cell.hardware.driver_names import is_simulated
+from foldcell.cell.record.run_record import Ending, RunRecord
+from foldcell.cell.record.words import garment_name, plain
 
 __all__ = ["DAMAGED", "FALSE_CLAIM", "CampaignEntry", "LogsContent", "RunEntry"]
 

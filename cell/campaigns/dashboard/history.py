@@ -15,17 +15,17 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from cell.campaigns.dashboard.entries import DAMAGED, CampaignEntry, LogsContent, RunEntry
-from cell.campaigns.page.campaign_page import PAGE as CAMPAIGN_PAGE
-from cell.campaigns.page.fault_page import PAGE as FAULTS_PAGE
-from cell.campaigns.trials.campaign import TrialRequest
-from cell.campaigns.trials.store import MANIFEST, CampaignFolder, is_campaign
-from cell.campaigns.trials.trial import TRIAL, read_trial
-from cell.journal.journal import NOT_BEGUN, Journal
-from cell.record.run_record import RECORD, Ending, Refusal, RunRecord, ending_of, read_record, record_of
-from cell.record.words import plain
-from cell.support.files.paths import journal_path
-from robots.errors import CellError, StorageError
+from foldcell.cell.campaigns.dashboard.entries import DAMAGED, CampaignEntry, LogsContent, RunEntry
+from foldcell.cell.campaigns.page.campaign_page import PAGE as CAMPAIGN_PAGE
+from foldcell.cell.campaigns.page.fault_page import PAGE as FAULTS_PAGE
+from foldcell.cell.campaigns.trials.campaign import TrialRequest
+from foldcell.cell.campaigns.trials.store import MANIFEST, CampaignFolder, is_campaign
+from foldcell.cell.campaigns.trials.trial import TRIAL, read_trial
+from foldcell.cell.journal.journal import NOT_BEGUN, Journal
+from foldcell.cell.record.run_record import RECORD, Ending, Refusal, RunRecord, ending_of, read_record, record_of
+from foldcell.cell.record.words import plain
+from foldcell.cell.support.files.paths import journal_path
+from foldcell.robots.errors import CellError, StorageError
 
 __all__ = ["History"]
 

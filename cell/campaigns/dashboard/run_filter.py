@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 from urllib.parse import urlencode
 
-from cell.campaigns.dashboard.entries import DAMAGED, RunEntry
+from foldcell.cell.campaigns.dashboard.entries import DAMAGED, RunEntry
 
 __all__ = ["PAGE_LENGTH", "RunFilter", "page_of"]
 

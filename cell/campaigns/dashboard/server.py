@@ -17,13 +17,13 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, HTMLResponse, Response
 from starlette.routing import Route
 
-from cell.campaigns.dashboard.comparison import compare_runs
-from cell.campaigns.dashboard.entries import RunEntry
-from cell.campaigns.dashboard.history import History
-from cell.campaigns.dashboard.run_filter import RunFilter, page_of
-from cell.operator.local_server import served
-from cell.record.words import plain, seconds, value_in_words
-from cell.support.files.html_page import page_template
+from foldcell.cell.campaigns.dashboard.comparison import compare_runs
+from foldcell.cell.campaigns.dashboard.entries import RunEntry
+from foldcell.cell.campaigns.dashboard.history import History
+from foldcell.cell.campaigns.dashboard.run_filter import RunFilter, page_of
+from foldcell.cell.operator.local_server import served
+from foldcell.cell.record.words import plain, seconds, value_in_words
+from foldcell.cell.support.files.html_page import page_template
 
 __all__ = ["served_history"]
 

@@ -22,14 +22,14 @@ from typing import Annotated, Any, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from cell.campaigns.hil.script import FaultSpec, Group, Moment, as_list, one_of
-from cell.config.yaml_file import read_yaml, validated
-from cell.simulation import TRAITS, FaultKind, Place
-from robots.errors import ConfigurationError
+from foldcell.cell.campaigns.hil.script import FaultSpec, Group, Moment, as_list, one_of
+from foldcell.cell.config.yaml_file import read_yaml, validated
+from foldcell.cell.simulation import TRAITS, FaultKind, Place
+from foldcell.robots.errors import ConfigurationError
 
 __all__ = ["SHIPPED", "DueEnd", "FaultEntry", "FaultTable", "Stage", "read_fault_table"]
 
-SHIPPED = Path(str(resources.files("cell.campaigns.faults") / "fault_table.yaml"))
+SHIPPED = Path(str(resources.files("foldcell.cell.campaigns.faults") / "fault_table.yaml"))
 """The table that is part of the program."""
 
 

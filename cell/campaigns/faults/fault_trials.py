@@ -7,14 +7,14 @@ from zlib import crc32
 
 import numpy as np
 
-from cell.campaigns.faults.fault_table import FaultEntry, FaultTable
-from cell.campaigns.hil.script import Action
-from cell.campaigns.trials.campaign import Campaign, Keep, TrialRequest
-from cell.config.cell_settings import CellSettings
-from cell.config.garments.garment_file import load_garment
-from cell.simulation import TRAITS
-from robots.errors import ConfigurationError
-from robots.ports import Side
+from foldcell.cell.campaigns.faults.fault_table import FaultEntry, FaultTable
+from foldcell.cell.campaigns.hil.script import Action
+from foldcell.cell.campaigns.trials.campaign import Campaign, Keep, TrialRequest
+from foldcell.cell.config.cell_settings import CellSettings
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.simulation import TRAITS
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.ports import Side
 
 __all__ = ["chosen_faults", "drawn_action", "fault_campaign", "faults_of"]
 

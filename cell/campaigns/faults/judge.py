@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cell.campaigns.faults.fault_table import DueEnd, FaultTable
-from cell.campaigns.faults.fault_trials import faults_of
-from cell.campaigns.hil.director import Observations
-from cell.campaigns.trials.trial import Trial, failed_figures
-from cell.record.run_record import RunRecord, ScoreRecord
-from cell.states.transition_table import State
+from foldcell.cell.campaigns.faults.fault_table import DueEnd, FaultTable
+from foldcell.cell.campaigns.faults.fault_trials import faults_of
+from foldcell.cell.campaigns.hil.director import Observations
+from foldcell.cell.campaigns.trials.trial import Trial, failed_figures
+from foldcell.cell.record.run_record import RunRecord, ScoreRecord
+from foldcell.cell.states.transition_table import State
 
 __all__ = ["Verdict", "due_ends", "judge"]
 

@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from cell.campaigns.faults.fault_table import DueEnd, FaultTable
-from cell.campaigns.faults.fault_trials import faults_of
-from cell.campaigns.faults.judge import Verdict, due_ends, judge
-from cell.campaigns.statistics.proportions import wilson_interval
-from cell.campaigns.trials.trial import Trial
-from cell.support.json_values import to_json
+from foldcell.cell.campaigns.faults.fault_table import DueEnd, FaultTable
+from foldcell.cell.campaigns.faults.fault_trials import faults_of
+from foldcell.cell.campaigns.faults.judge import Verdict, due_ends, judge
+from foldcell.cell.campaigns.statistics.proportions import wilson_interval
+from foldcell.cell.campaigns.trials.trial import Trial
+from foldcell.cell.support.json_values import to_json
 
 __all__ = ["FaultResults", "Group"]
 

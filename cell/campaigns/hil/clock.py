@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from robots.ports import Clock
+from foldcell.robots.ports import Clock
 
 __all__ = ["Schedule", "ScheduledClock"]
 

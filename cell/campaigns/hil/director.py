@@ -15,17 +15,17 @@ from functools import partial
 
 import numpy as np
 
-from cell.campaigns.hil.clock import ScheduledClock
-from cell.campaigns.hil.script import LIMIT_S, Action
-from cell.hardware.driver import OpenCell
-from cell.simulation import Fault
-from cell.states.commands import CommandQueue, QueuedCommand
-from cell.states.observers import FAILING, Step
-from cell.states.run_context import Result
-from cell.states.transition_table import TERMINAL, Event, State
-from cell.support.forwarding import forwarding
-from robots.errors import FailureKind, InternalError
-from robots.ports import Array, JointSetpoint, Ports
+from foldcell.cell.campaigns.hil.clock import ScheduledClock
+from foldcell.cell.campaigns.hil.script import LIMIT_S, Action
+from foldcell.cell.hardware.driver import OpenCell
+from foldcell.cell.simulation import Fault
+from foldcell.cell.states.commands import CommandQueue, QueuedCommand
+from foldcell.cell.states.observers import FAILING, Step
+from foldcell.cell.states.run_context import Result
+from foldcell.cell.states.transition_table import TERMINAL, Event, State
+from foldcell.cell.support.forwarding import forwarding
+from foldcell.robots.errors import FailureKind, InternalError
+from foldcell.robots.ports import Array, JointSetpoint, Ports
 
 __all__ = ["Director", "Observations"]
 

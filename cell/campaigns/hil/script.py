@@ -27,12 +27,12 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, model_validator
 
-from cell.config.yaml_file import Key, did_you_mean, read_yaml, validated
-from cell.simulation import TRAITS, Fault, FaultKind
-from cell.states.commands import OPERATOR_EVENTS
-from cell.states.transition_table import TERMINAL, Event, State
-from robots.errors import ConfigurationError, FailureKind
-from robots.ports import Side
+from foldcell.cell.config.yaml_file import Key, did_you_mean, read_yaml, validated
+from foldcell.cell.simulation import TRAITS, Fault, FaultKind
+from foldcell.cell.states.commands import OPERATOR_EVENTS
+from foldcell.cell.states.transition_table import TERMINAL, Event, State
+from foldcell.robots.errors import ConfigurationError, FailureKind
+from foldcell.robots.ports import Side
 
 __all__ = ["Action", "Expectation", "FaultSpec", "Group", "Moment", "Script", "as_list", "one_of", "read_script"]
 

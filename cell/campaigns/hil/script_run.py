@@ -8,18 +8,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cell.campaigns.hil.director import Director, Observations
-from cell.campaigns.hil.script import LIMIT_S, Action, Script
-from cell.campaigns.hil.verdict import broken_expectations
-from cell.config.cell_settings import CellSettings, overlaid
-from cell.config.garments.garment_file import load_garment
-from cell.hardware.driver_names import is_simulated
-from cell.hardware.robot_model import load_robot
-from cell.record.run_record import RunRecord
-from cell.states.fold_request import FoldRequest
-from cell.states.transition_table import State
-from cell.support.junit import JUnitCase
-from robots.errors import CellError, ConfigurationError
+from foldcell.cell.campaigns.hil.director import Director, Observations
+from foldcell.cell.campaigns.hil.script import LIMIT_S, Action, Script
+from foldcell.cell.campaigns.hil.verdict import broken_expectations
+from foldcell.cell.config.cell_settings import CellSettings, overlaid
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.hardware.driver_names import is_simulated
+from foldcell.cell.hardware.robot_model import load_robot
+from foldcell.cell.record.run_record import RunRecord
+from foldcell.cell.states.fold_request import FoldRequest
+from foldcell.cell.states.transition_table import State
+from foldcell.cell.support.junit import JUnitCase
+from foldcell.robots.errors import CellError, ConfigurationError
 
 __all__ = ["ScriptResult", "check_script", "fold_scripted", "run_script"]
 
@@ -109,7 +109,7 @@ def fold_scripted(
 ) -> tuple[RunRecord, Observations]:
     """Perform a run with scripted actions. The request's seed draws random moments. tell, limit_s: see
     `Director`. Raises CellError if the run cannot start."""
-    from cell.runs.fold_run import fold_once
+    from foldcell.cell.runs.fold_run import fold_once
 
     director = Director(actions, load_robot(request.settings).q_park, tell, request.seed, limit_s)
     try:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from enum import StrEnum
 
-from cell.campaigns.hil.director import Observations
-from cell.campaigns.hil.script import Script
-from cell.record.run_record import RunRecord
+from foldcell.cell.campaigns.hil.director import Observations
+from foldcell.cell.campaigns.hil.script import Script
+from foldcell.cell.record.run_record import RunRecord
 
 __all__ = ["broken_expectations"]
 

@@ -9,21 +9,21 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from cell.calibrating.session import CalibrationEnd, CalibrationRequest, Session, perform_session
-from cell.campaigns.ladder.rung import Curve, Recording, Rung
-from cell.campaigns.ladder.runs import ScriptedRuns
-from cell.campaigns.ladder.steps import STEPS, Step
-from cell.executive.effects.moving import hold_still, make_safe
-from cell.hardware.contract.opening import rig_of
-from cell.hardware.contract.result import Result, judged
-from cell.hardware.driver_names import is_simulated
-from cell.hardware.workcell import Workcell
-from cell.journal.journal import RunJournal
-from cell.states.run_context import RunContext
-from cell.support.files.whole_file import write_whole
-from cell.support.json_values import to_json
-from robots.errors import ConfigurationError
-from skills.vocabulary import Outcome
+from foldcell.cell.calibrating.session import CalibrationEnd, CalibrationRequest, Session, perform_session
+from foldcell.cell.campaigns.ladder.rung import Curve, Recording, Rung
+from foldcell.cell.campaigns.ladder.runs import ScriptedRuns
+from foldcell.cell.campaigns.ladder.steps import STEPS, Step
+from foldcell.cell.executive.effects.moving import hold_still, make_safe
+from foldcell.cell.hardware.contract.opening import rig_of
+from foldcell.cell.hardware.contract.result import Result, judged
+from foldcell.cell.hardware.driver_names import is_simulated
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.journal.journal import RunJournal
+from foldcell.cell.states.run_context import RunContext
+from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.cell.support.json_values import to_json
+from foldcell.robots.errors import ConfigurationError
+from foldcell.skills.vocabulary import Outcome
 
 __all__ = ["Climbed", "Passes", "StepResult", "climb", "climb_cell", "write_results"]
 

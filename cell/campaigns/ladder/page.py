@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 
-from cell.campaigns.ladder.climb import Climbed
-from cell.campaigns.ladder.rung import Curve
-from cell.campaigns.ladder.steps import STEPS
-from cell.support.files.html_page import page_template
-from cell.support.files.whole_file import write_whole
+from foldcell.cell.campaigns.ladder.climb import Climbed
+from foldcell.cell.campaigns.ladder.rung import Curve
+from foldcell.cell.campaigns.ladder.steps import STEPS
+from foldcell.cell.support.files.html_page import page_template
+from foldcell.cell.support.files.whole_file import write_whole
 
 __all__ = ["PAGE", "write_page"]
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cell.hardware.contract.rig import Rig
-from cell.hardware.workcell import Workcell
-from cell.support.forwarding import forwarding
-from robots.ports import Array, Ports
+from foldcell.cell.hardware.contract.rig import Rig
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.support.forwarding import forwarding
+from foldcell.robots.ports import Array, Ports
 
 __all__ = ["Curve", "Recording", "Rung"]
 

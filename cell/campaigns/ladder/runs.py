@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cell.campaigns.hil.script import Script
-from cell.campaigns.hil.script_run import ScriptResult, run_script
-from cell.config.cell_settings import CellSettings
-from cell.hardware.contract.rig import require
-from cell.hardware.driver import stop_circuit
-from cell.hardware.driver_names import is_simulated
-from cell.journal.journal import Journal
-from cell.record.run_record import RunRecord
-from cell.support.files.paths import journal_path
+from foldcell.cell.campaigns.hil.script import Script
+from foldcell.cell.campaigns.hil.script_run import ScriptResult, run_script
+from foldcell.cell.config.cell_settings import CellSettings
+from foldcell.cell.hardware.contract.rig import require
+from foldcell.cell.hardware.driver import stop_circuit
+from foldcell.cell.hardware.driver_names import is_simulated
+from foldcell.cell.journal.journal import Journal
+from foldcell.cell.record.run_record import RunRecord
+from foldcell.cell.support.files.paths import journal_path
 
 __all__ = ["ScriptedRuns"]
 
@@ -89,8 +89,8 @@ class ScriptedRuns:
         return result.result
 
     def _resumed(self, run: str) -> RunRecord:
-        from cell.runs.checkpoint_writer import interrupted_run
-        from cell.runs.fold_run import fold_once
+        from foldcell.cell.runs.checkpoint_writer import interrupted_run
+        from foldcell.cell.runs.fold_run import fold_once
 
         with Journal.open(journal_path(self.logs), readonly=True) as journal:
             interrupted = interrupted_run(journal, run, self.logs, quiet=True)

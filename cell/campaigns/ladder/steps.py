@@ -8,23 +8,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.board import find_board
-from calibration.effects import Touch
-from calibration.table import contact_height
-from calibration.tactile import POINTS
-from cell.calibrating.touch import touch_table
-from cell.campaigns.ladder.rung import Rung
-from cell.campaigns.ladder.runs import ScriptedRuns
-from cell.control.motions.hold_position import wait
-from cell.executive.effects.checked_motion import move
-from cell.executive.effects.moving import prepare
-from cell.hardware.contract import arm_clauses, device_clauses, reading_clauses
-from cell.hardware.contract.rig import Rig, UnprovenError, require
-from cell.states.run_context import RunContext
-from robots.errors import Failure
-from robots.ports import BoardPlace, Side
-from skills.grasping.hand_reading import GripCommand
-from skills.motion.moves.lift import plan_lift
+from foldcell.calibration.board import find_board
+from foldcell.calibration.effects import Touch
+from foldcell.calibration.table import contact_height
+from foldcell.calibration.tactile import POINTS
+from foldcell.cell.calibrating.touch import touch_table
+from foldcell.cell.campaigns.ladder.rung import Rung
+from foldcell.cell.campaigns.ladder.runs import ScriptedRuns
+from foldcell.cell.control.motions.hold_position import wait
+from foldcell.cell.executive.effects.checked_motion import move
+from foldcell.cell.executive.effects.moving import prepare
+from foldcell.cell.hardware.contract import arm_clauses, device_clauses, reading_clauses
+from foldcell.cell.hardware.contract.rig import Rig, UnprovenError, require
+from foldcell.cell.states.run_context import RunContext
+from foldcell.robots.errors import Failure
+from foldcell.robots.ports import BoardPlace, Side
+from foldcell.skills.grasping.hand_reading import GripCommand
+from foldcell.skills.motion.moves.lift import plan_lift
 
 __all__ = ["STEPS", "Figures", "Step"]
 

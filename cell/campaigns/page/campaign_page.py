@@ -14,13 +14,13 @@ from pathlib import Path
 
 import cv2
 
-from cell.campaigns.page.charts import rate_chart, strip_chart
-from cell.campaigns.results import CampaignResults
-from cell.campaigns.statistics.summary import ALL
-from cell.campaigns.trials.store import CampaignFolder
-from cell.campaigns.trials.trial import Trial
-from cell.record.words import difference, figure, garment_name, length, percent, plain, seconds
-from cell.support.files.html_page import page_template
+from foldcell.cell.campaigns.page.charts import rate_chart, strip_chart
+from foldcell.cell.campaigns.results import CampaignResults
+from foldcell.cell.campaigns.statistics.summary import ALL
+from foldcell.cell.campaigns.trials.store import CampaignFolder
+from foldcell.cell.campaigns.trials.trial import Trial
+from foldcell.cell.record.words import difference, figure, garment_name, length, percent, plain, seconds
+from foldcell.cell.support.files.html_page import page_template
 
 __all__ = ["PAGE", "campaign_page"]
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from cell.campaigns.faults.fault_table import FaultTable
-from cell.campaigns.faults.fault_trials import faults_of
-from cell.campaigns.faults.results import FaultResults
-from cell.campaigns.trials.store import CampaignFolder
-from cell.campaigns.trials.trial import Trial
-from cell.record.words import garment_name, percent, plain, seconds
-from cell.support.files.html_page import page_template
-from cell.support.files.whole_file import write_whole
+from foldcell.cell.campaigns.faults.fault_table import FaultTable
+from foldcell.cell.campaigns.faults.fault_trials import faults_of
+from foldcell.cell.campaigns.faults.results import FaultResults
+from foldcell.cell.campaigns.trials.store import CampaignFolder
+from foldcell.cell.campaigns.trials.trial import Trial
+from foldcell.cell.record.words import garment_name, percent, plain, seconds
+from foldcell.cell.support.files.html_page import page_template
+from foldcell.cell.support.files.whole_file import write_whole
 
 __all__ = ["PAGE", "write_fault_results"]
 

@@ -7,8 +7,8 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from cell.campaigns.statistics.proportions import bootstrap_median, mcnemar_exact
-from cell.campaigns.trials.trial import Trial
+from foldcell.cell.campaigns.statistics.proportions import bootstrap_median, mcnemar_exact
+from foldcell.cell.campaigns.trials.trial import Trial
 
 __all__ = ["Comparison", "compare_trials"]
 

@@ -8,8 +8,8 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from cell.campaigns.statistics.proportions import bootstrap_median, wilson_interval
-from cell.campaigns.trials.trial import Trial
+from foldcell.cell.campaigns.statistics.proportions import bootstrap_median, wilson_interval
+from foldcell.cell.campaigns.trials.trial import Trial
 
 __all__ = ["ALL", "PARTS", "Claims", "Row", "claims", "part_claims", "summarise"]
 

@@ -27,12 +27,12 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from cell.campaigns.hil.script import Action, Group
-from cell.config.cell_settings import CellSettings, overlaid
-from cell.config.garments.garment_file import list_garments, load_garment
-from cell.config.yaml_file import Document, read_yaml, validated
-from cell.record.words import garment_name
-from robots.errors import ConfigurationError
+from foldcell.cell.campaigns.hil.script import Action, Group
+from foldcell.cell.config.cell_settings import CellSettings, overlaid
+from foldcell.cell.config.garments.garment_file import list_garments, load_garment
+from foldcell.cell.config.yaml_file import Document, read_yaml, validated
+from foldcell.cell.record.words import garment_name
+from foldcell.robots.errors import ConfigurationError
 
 __all__ = ["Campaign", "Keep", "TrialRequest", "Variant", "campaign_of", "distinct_garments", "read_campaign"]
 

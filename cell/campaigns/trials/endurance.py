@@ -13,16 +13,16 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from cell.campaigns.hil.script import Action
-from cell.campaigns.trials.campaign import TrialRequest
-from cell.campaigns.trials.perform_trial import perform_trial
-from cell.campaigns.trials.trial import Trial
-from cell.config.cell_settings import CellSettings
-from cell.simulation import TRAITS, FaultKind
-from cell.states.transition_table import State
-from cell.support.process.workers import worker_pool
-from robots.errors import StorageError
-from robots.ports import Side
+from foldcell.cell.campaigns.hil.script import Action
+from foldcell.cell.campaigns.trials.campaign import TrialRequest
+from foldcell.cell.campaigns.trials.perform_trial import perform_trial
+from foldcell.cell.campaigns.trials.trial import Trial
+from foldcell.cell.config.cell_settings import CellSettings
+from foldcell.cell.simulation import TRAITS, FaultKind
+from foldcell.cell.states.transition_table import State
+from foldcell.cell.support.process.workers import worker_pool
+from foldcell.robots.errors import StorageError
+from foldcell.robots.ports import Side
 
 __all__ = ["SAMPLES", "EnduranceRun", "Growth", "endure", "growths", "random_requests"]
 

@@ -15,17 +15,17 @@ from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
-from cell.campaigns.trials.campaign import Keep, TrialRequest
-from cell.campaigns.trials.store import MANIFEST, copy_library
-from cell.campaigns.trials.trial import Trial, read_trial, write_trial
-from cell.record.run_record import RunRecord, record_of
-from cell.runs.pruning import RECORDINGS
-from cell.states.fold_request import FoldRequest
-from cell.support.files.whole_file import write_whole
-from cell.support.process.lock import CellBusyError, OwnerLock
-from cell.support.process.memory import return_free_memory
-from cell.support.process.terminations import Terminated
-from robots.errors import CellError, FailureKind, StorageError
+from foldcell.cell.campaigns.trials.campaign import Keep, TrialRequest
+from foldcell.cell.campaigns.trials.store import MANIFEST, copy_library
+from foldcell.cell.campaigns.trials.trial import Trial, read_trial, write_trial
+from foldcell.cell.record.run_record import RunRecord, record_of
+from foldcell.cell.runs.pruning import RECORDINGS
+from foldcell.cell.states.fold_request import FoldRequest
+from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.cell.support.process.lock import CellBusyError, OwnerLock
+from foldcell.cell.support.process.memory import return_free_memory
+from foldcell.cell.support.process.terminations import Terminated
+from foldcell.robots.errors import CellError, FailureKind, StorageError
 
 __all__ = ["Fold", "perform_trial"]
 
@@ -91,9 +91,9 @@ def _perform(request: TrialRequest, folder: Path, fold: Fold) -> Trial:
 
 
 def _this_version(request: TrialRequest, folder: Path) -> Trial:
-    from cell.campaigns.hil.script import Action
-    from cell.campaigns.hil.script_run import fold_scripted
-    from cell.runs.fold_run import fold_once
+    from foldcell.cell.campaigns.hil.script import Action
+    from foldcell.cell.campaigns.hil.script_run import fold_scripted
+    from foldcell.cell.runs.fold_run import fold_once
 
     run = FoldRequest(
         garment=request.garment, seed=request.seed, driver=request.driver,
@@ -116,7 +116,7 @@ def _other_version(request: TrialRequest, folder: Path) -> Trial:
     settings = folder / "cell.yaml"
     write_whole(settings, yaml.safe_dump({"schema": 1, **request.settings}))
     line = [
-        request.python, "-m", "cell.commands.main", "fold", request.garment, "--seed", str(request.seed),
+        request.python, "-m", "foldcell.cell.commands.main", "fold", request.garment, "--seed", str(request.seed),
         "--driver", request.driver, "--world", request.world, "--cell", str(settings), "--logs", str(folder),
         "--json", ]  # fmt: skip
     environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "FOLDCELL_LOGS")}

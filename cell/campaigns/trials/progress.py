@@ -5,9 +5,9 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from cell.campaigns.trials.campaign import DEFAULT_VARIANT
-from cell.campaigns.trials.trial import Trial
-from cell.record.words import garment_name
+from foldcell.cell.campaigns.trials.campaign import DEFAULT_VARIANT
+from foldcell.cell.campaigns.trials.trial import Trial
+from foldcell.cell.record.words import garment_name
 
 __all__ = ["CampaignProgress", "described"]
 

@@ -24,15 +24,15 @@ from urllib.parse import quote
 
 from pydantic import TypeAdapter
 
-from cell.campaigns.trials.campaign import Campaign, TrialRequest
-from cell.campaigns.trials.trial import Trial, read_trial
-from cell.config.trajectory_library.library_file import user_library_path
-from cell.runs.ownership import VERSIONED
-from cell.support.files.paths import repository_root
-from cell.support.files.whole_file import write_whole
-from cell.support.json_values import to_json
-from cell.support.process.lock import OwnerLock
-from robots.errors import ConfigurationError, StorageError
+from foldcell.cell.campaigns.trials.campaign import Campaign, TrialRequest
+from foldcell.cell.campaigns.trials.trial import Trial, read_trial
+from foldcell.cell.config.trajectory_library.library_file import user_library_path
+from foldcell.cell.runs.ownership import VERSIONED
+from foldcell.cell.support.files.paths import repository_root
+from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.cell.support.json_values import to_json
+from foldcell.cell.support.process.lock import OwnerLock
+from foldcell.robots.errors import ConfigurationError, StorageError
 
 __all__ = [
     "MANIFEST",

@@ -7,11 +7,11 @@ from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
 
-from cell.campaigns.hil.director import Observations
-from cell.campaigns.trials.campaign import TrialRequest
-from cell.record.run_record import RunRecord, ScoreRecord
-from cell.record.words import figure_name
-from cell.support.files.whole_file import write_whole
+from foldcell.cell.campaigns.hil.director import Observations
+from foldcell.cell.campaigns.trials.campaign import TrialRequest
+from foldcell.cell.record.run_record import RunRecord, ScoreRecord
+from foldcell.cell.record.words import figure_name
+from foldcell.cell.support.files.whole_file import write_whole
 
 __all__ = ["TRIAL", "Trial", "failed_figures", "read_trial", "write_trial"]
 

@@ -6,14 +6,14 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from calibration.board import BOARD, DICTIONARY
-from calibration.board_sheet import PAGE, PIXELS_PER_MM, RULER_MM, draw_sheet
-from cell.calibrating.sheet_file import SHEET_FORMATS, SHEET_MARKS
-from cell.commands.options import Commands, add_command, json_option
-from cell.commands.output import print_json
-from cell.support.files.own_file import refuse_foreign
-from cell.support.files.whole_file import write_whole
-from robots.errors import ConfigurationError
+from foldcell.calibration.board import BOARD, DICTIONARY
+from foldcell.calibration.board_sheet import PAGE, PIXELS_PER_MM, RULER_MM, draw_sheet
+from foldcell.cell.calibrating.sheet_file import SHEET_FORMATS, SHEET_MARKS
+from foldcell.cell.commands.options import Commands, add_command, json_option
+from foldcell.cell.commands.output import print_json
+from foldcell.cell.support.files.own_file import refuse_foreign
+from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.robots.errors import ConfigurationError
 
 __all__ = ["add_options", "run"]
 

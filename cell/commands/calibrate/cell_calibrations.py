@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from calibration.camera import IntrinsicsCalibration, calibrate_camera, check_views
-from calibration.hand_eye import HandEyeCalibration, HandEyeSettings, calibrate_hand_eye
-from calibration.table import TableCalibration, calibrate_table, check_points
-from calibration.tactile import TactileCalibration, calibrate_tactile
-from cell.calibrating.score import hand_eye_error, intrinsics_error, table_error, tactile_error
-from cell.commands.calibrate.run_on_cell import (
+from foldcell.calibration.camera import IntrinsicsCalibration, calibrate_camera, check_views
+from foldcell.calibration.hand_eye import HandEyeCalibration, HandEyeSettings, calibrate_hand_eye
+from foldcell.calibration.table import TableCalibration, calibrate_table, check_points
+from foldcell.calibration.tactile import TactileCalibration, calibrate_tactile
+from foldcell.cell.calibrating.score import hand_eye_error, intrinsics_error, table_error, tactile_error
+from foldcell.cell.commands.calibrate.run_on_cell import (
     DATA_SHEET,
     CellCalibration,
     Provenance,
@@ -21,11 +21,11 @@ from cell.commands.calibrate.run_on_cell import (
     camera_provenance,
     mm,
 )
-from cell.commands.options import Commands, count
-from cell.config.calibration_file import calibration_text, table_text, tactile_text
-from cell.config.cell_settings import CellSettings
-from cell.hardware.camera import camera_calibration
-from skills.vocabulary import Array
+from foldcell.cell.commands.options import Commands, count
+from foldcell.cell.config.calibration_file import calibration_text, table_text, tactile_text
+from foldcell.cell.config.cell_settings import CellSettings
+from foldcell.cell.hardware.camera import camera_calibration
+from foldcell.skills.vocabulary import Array
 
 __all__ = ["add_options"]
 

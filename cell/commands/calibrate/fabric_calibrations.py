@@ -6,16 +6,22 @@ import argparse
 import math
 from dataclasses import replace
 
-from calibration.bending import calibrate_bending
-from calibration.crease import calibrate_crease
-from calibration.free_fold import calibrate_free_fold
-from calibration.friction import FrictionCalibration, calibrate_friction
-from calibration.shear import ShearCalibration, calibrate_shear, clip_and_lowest
-from cell.commands.calibrate.run_on_fabric import FabricTest, Tell, add_garment_action, add_output, provenance
-from cell.commands.options import Commands
-from robots.errors import ConfigurationError
-from skills.cloth.elasticity import flexural_rigidity, membrane_modulus
-from skills.garments.garment import Garment
+from foldcell.calibration.bending import calibrate_bending
+from foldcell.calibration.crease import calibrate_crease
+from foldcell.calibration.free_fold import calibrate_free_fold
+from foldcell.calibration.friction import FrictionCalibration, calibrate_friction
+from foldcell.calibration.shear import ShearCalibration, calibrate_shear, clip_and_lowest
+from foldcell.cell.commands.calibrate.run_on_fabric import (
+    FabricTest,
+    Tell,
+    add_garment_action,
+    add_output,
+    provenance,
+)
+from foldcell.cell.commands.options import Commands
+from foldcell.robots.errors import ConfigurationError
+from foldcell.skills.cloth.elasticity import flexural_rigidity, membrane_modulus
+from foldcell.skills.garments.garment import Garment
 
 __all__ = ["add_options", "hang_test", "modulus", "tilt_test"]
 

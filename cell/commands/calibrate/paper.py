@@ -7,18 +7,18 @@ import argparse
 import math
 from pathlib import Path
 
-from calibration.shear import ShearCalibration, clip_and_lowest
-from cell.commands.calibrate.fabric_calibrations import hang_test, modulus, tilt_test
-from cell.commands.calibrate.run_on_fabric import Tell, add_action, check_output, provenance
-from cell.commands.options import Commands
-from cell.commands.output import print_json, print_table, progress_stream
-from cell.config.cell_settings import load_settings
-from cell.config.garments.garment_file import load_garment, shipped_garment_path
-from cell.config.garments.material_file import with_material
-from cell.operator.progress.compiling import report_compilation
-from cell.support.files.whole_file import write_whole
-from robots.errors import ConfigurationError
-from skills.vocabulary import Array
+from foldcell.calibration.shear import ShearCalibration, clip_and_lowest
+from foldcell.cell.commands.calibrate.fabric_calibrations import hang_test, modulus, tilt_test
+from foldcell.cell.commands.calibrate.run_on_fabric import Tell, add_action, check_output, provenance
+from foldcell.cell.commands.options import Commands
+from foldcell.cell.commands.output import print_json, print_table, progress_stream
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.config.garments.garment_file import load_garment, shipped_garment_path
+from foldcell.cell.config.garments.material_file import with_material
+from foldcell.cell.operator.progress.compiling import report_compilation
+from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.robots.errors import ConfigurationError
+from foldcell.skills.vocabulary import Array
 
 __all__ = ["PAPER", "add_options"]
 

@@ -9,19 +9,27 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from calibration.effects import Procedure
-from cell.calibrating.session import CalibrationEnd, CalibrationRequest, calibrate
-from cell.commands.options import Commands, add_command, cell_option, driver_option, json_option, logs_option, seed
-from cell.commands.output import print_json, progress_stream
-from cell.config.calibration_file import read_camera_file
-from cell.config.cell_settings import CellSettings, load_settings
-from cell.hardware.cell_check import refuse_unfit_cell
-from cell.hardware.workcell import Workcell
-from cell.simulation import Truth
-from cell.support.files.own_file import refuse_foreign
-from cell.support.files.paths import logs_directory, prepare_logs
-from cell.support.files.whole_file import write_whole
-from robots.errors import ConfigurationError
+from foldcell.calibration.effects import Procedure
+from foldcell.cell.calibrating.session import CalibrationEnd, CalibrationRequest, calibrate
+from foldcell.cell.commands.options import (
+    Commands,
+    add_command,
+    cell_option,
+    driver_option,
+    json_option,
+    logs_option,
+    seed,
+)
+from foldcell.cell.commands.output import print_json, progress_stream
+from foldcell.cell.config.calibration_file import read_camera_file
+from foldcell.cell.config.cell_settings import CellSettings, load_settings
+from foldcell.cell.hardware.cell_check import refuse_unfit_cell
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.simulation import Truth
+from foldcell.cell.support.files.own_file import refuse_foreign
+from foldcell.cell.support.files.paths import logs_directory, prepare_logs
+from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.robots.errors import ConfigurationError
 
 __all__ = ["DATA_SHEET", "CellCalibration", "Provenance", "add_action", "camera_provenance", "mm", "unfit_with"]
 

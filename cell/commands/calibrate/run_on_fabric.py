@@ -10,17 +10,17 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from cell.commands.options import Commands, add_command, cell_option, json_option, logs_option
-from cell.commands.output import print_json, progress_stream
-from cell.config.cell_settings import load_settings
-from cell.config.garments.garment_file import garment_path, load_garment, shipped_garment_path
-from cell.config.garments.material_file import with_material
-from cell.config.yaml_file import read_yaml
-from cell.operator.progress.compiling import report_compilation
-from cell.support.files.paths import logs_directory, prepare_logs
-from cell.support.files.whole_file import refuse_unwritable, write_whole
-from robots.errors import ConfigurationError
-from skills.garments.garment import Garment
+from foldcell.cell.commands.options import Commands, add_command, cell_option, json_option, logs_option
+from foldcell.cell.commands.output import print_json, progress_stream
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.config.garments.garment_file import garment_path, load_garment, shipped_garment_path
+from foldcell.cell.config.garments.material_file import with_material
+from foldcell.cell.config.yaml_file import read_yaml
+from foldcell.cell.operator.progress.compiling import report_compilation
+from foldcell.cell.support.files.paths import logs_directory, prepare_logs
+from foldcell.cell.support.files.whole_file import refuse_unwritable, write_whole
+from foldcell.robots.errors import ConfigurationError
+from foldcell.skills.garments.garment import Garment
 
 __all__ = [
     "FabricTest",
@@ -42,7 +42,7 @@ class FabricTest:
     values: new values for `material` in the garment file. measured: sources of these values. fields: names of the
     properties that are now measured and no longer assumed. figures: figures for the report. agrees: whether the
     simulated test agrees with the measurement. record: writes the recording to a path, by the module
-    `cell.view.material`.
+    `foldcell.cell.view.material`.
     """
 
     values: Mapping[str, Any]
@@ -108,7 +108,7 @@ def _run(options: argparse.Namespace, name: str, measure: Measure, any_surface: 
     folder = _folder(options, name, garment)
     with report_compilation(tell):
         result = measure(garment, options, surface, tell)
-    from cell.view import material
+    from foldcell.cell.view import material
 
     text = with_material(
         source.read_text(encoding="utf-8"), garment.name, result.values, result.measured, result.fields, surface

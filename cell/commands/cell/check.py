@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from cell.commands.options import Commands, add_command, cell_option, json_option
-from cell.commands.output import print_json, print_table, write_drawing
-from cell.config.cell_settings import load_settings
-from cell.config.garments.garment_file import load_garment
-from cell.hardware.cell_check import cell_findings
-from cell.hardware.robot_model import load_robot
+from foldcell.cell.commands.options import Commands, add_command, cell_option, json_option
+from foldcell.cell.commands.output import print_json, print_table, write_drawing
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.hardware.cell_check import cell_findings
+from foldcell.cell.hardware.robot_model import load_robot
 
 __all__ = ["add_options"]
 
@@ -30,7 +30,7 @@ def _run(options: argparse.Namespace) -> int:
     findings = list(cell_findings(settings))
     good, drawing = all(finding.good for finding in findings), None
     if options.draw is not None:
-        from cell.hardware.cell_drawing import draw_cell
+        from foldcell.cell.hardware.cell_drawing import draw_cell
 
         words = [f"{'good' if f.good else 'BAD '}  {f.name}: {f.found}" for f in findings if f.name != "model"]
         pose = None if garment is None else garment.poses.middle

@@ -8,23 +8,23 @@ from typing import Any
 
 import numpy as np
 
-from cell.commands.garment.garment_drawing import draw_option, drawn
-from cell.commands.options import Commands, add_command, cell_option, json_option, logs_option
-from cell.commands.output import print_json, refuse_drawing, write_drawing
-from cell.config.cell_settings import CellSettings, load_settings
-from cell.config.garments.garment_file import load_garment
-from cell.config.garments.new_garment import check_plan
-from cell.hardware.cell_check import refuse_unfit_cell
-from cell.hardware.placement import (
+from foldcell.cell.commands.garment.garment_drawing import draw_option, drawn
+from foldcell.cell.commands.options import Commands, add_command, cell_option, json_option, logs_option
+from foldcell.cell.commands.output import print_json, refuse_drawing, write_drawing
+from foldcell.cell.config.cell_settings import CellSettings, load_settings
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.config.garments.new_garment import check_plan
+from foldcell.cell.hardware.cell_check import refuse_unfit_cell
+from foldcell.cell.hardware.placement import (
     PlacedFold,
     fitting_pose,
     placed_folds,
     pose_that_folds,
     refuse_too_large,
 )
-from cell.hardware.robot_model import load_robot
-from robots.errors import ConfigurationError, Failure
-from skills.garments.garment import Garment
+from foldcell.cell.hardware.robot_model import load_robot
+from foldcell.robots.errors import ConfigurationError, Failure
+from foldcell.skills.garments.garment import Garment
 
 __all__ = ["add_options"]
 
@@ -85,7 +85,7 @@ def _checked(name: str, options: argparse.Namespace, settings: CellSettings) -> 
     words, good, predicted = list[str](), True, None
     if not options.no_predictions:
         # loaded only now, because the simulation takes seconds to load, and a file is refused sooner
-        from cell.commands.garment.prediction import draw_prediction, figures, lines, predict
+        from foldcell.cell.commands.garment.prediction import draw_prediction, figures, lines, predict
 
         found = predict(options, garment, settings, folds)
         shown = draw_prediction(options, garment, settings, found)
@@ -112,7 +112,7 @@ def _drawn_on_table(garment: Garment, settings: CellSettings, folder: Path | Non
     folder."""
     if folder is None:
         return None
-    from cell.hardware.cell_drawing import draw_cell
+    from foldcell.cell.hardware.cell_drawing import draw_cell
 
     picture = draw_cell(settings, load_robot(settings), garment, garment.poses.middle)
     return write_drawing(folder, f"{garment.name}-on-table", picture)
@@ -121,7 +121,7 @@ def _drawn_on_table(garment: Garment, settings: CellSettings, folder: Path | Non
 def _unrecognised(garment: Garment, settings: CellSettings) -> Failure | None:
     """Return why the garment would not be recognised on this table; None if it would be."""
     # loaded only now, because perception takes a second to load, and a file is refused sooner
-    from cell.hardware.own_picture import own_picture_refused
+    from foldcell.cell.hardware.own_picture import own_picture_refused
 
     return own_picture_refused(garment, settings)
 

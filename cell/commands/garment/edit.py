@@ -6,17 +6,17 @@ import argparse
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from cell.commands.output import progress_stream
-from cell.commands.skill.perceive import Look
-from cell.config.garments.key_points_file import key_points_text, read_key_points
-from cell.hardware.photograph import Photograph
-from cell.operator.key_points.editing import KeyPointEdit, template_over
-from cell.operator.key_points.server import edit_key_points
-from cell.operator.local_server import open_listener
-from cell.support.files.whole_file import write_whole
-from robots.ports import Array
-from skills.garments.garment import Garment
-from skills.garments.picture_measure import PictureMeasure
+from foldcell.cell.commands.output import progress_stream
+from foldcell.cell.commands.skill.perceive import Look
+from foldcell.cell.config.garments.key_points_file import key_points_text, read_key_points
+from foldcell.cell.hardware.photograph import Photograph
+from foldcell.cell.operator.key_points.editing import KeyPointEdit, template_over
+from foldcell.cell.operator.key_points.server import edit_key_points
+from foldcell.cell.operator.local_server import open_listener
+from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.robots.ports import Array
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.garments.picture_measure import PictureMeasure
 
 __all__ = ["edited"]
 

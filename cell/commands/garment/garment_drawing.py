@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from cell.commands.output import write_drawing
-from skills.garments.garment import Garment
+from foldcell.cell.commands.output import write_drawing
+from foldcell.skills.garments.garment import Garment
 
 __all__ = ["draw_option", "drawn", "figures", "size"]
 
@@ -40,6 +40,6 @@ def drawn(garment: Garment, folder: Path | None) -> str | None:
     `folder` is None. Raises like `write_drawing`."""
     if folder is None:
         return None
-    from cell.config.garments.drawing import draw_garment
+    from foldcell.cell.config.garments.drawing import draw_garment
 
     return write_drawing(folder, f"{garment.name}-drawing", draw_garment(garment))

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 
-from cell.commands.garment.garment_drawing import figures, size
-from cell.commands.options import Commands, add_command, cell_option, json_option
-from cell.commands.output import print_json, print_table
-from cell.config.cell_settings import load_settings
-from cell.config.garments.garment_file import list_garments, load_garment
+from foldcell.cell.commands.garment.garment_drawing import figures, size
+from foldcell.cell.commands.options import Commands, add_command, cell_option, json_option
+from foldcell.cell.commands.output import print_json, print_table
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.config.garments.garment_file import list_garments, load_garment
 
 __all__ = ["add_options"]
 

@@ -12,22 +12,22 @@ from typing import Any
 
 import numpy as np
 
-from calibration.shear import clip_and_lowest
-from cell.commands.options import Commands, add_command, cell_option, json_option, page_options
-from cell.commands.output import print_json
-from cell.commands.skill.perceive import look_at, write_overlay, write_picture, write_refused
-from cell.config.cell_settings import CellSettings, load_settings
-from cell.config.garments.garment_file import load_garment
-from cell.config.garments.key_points_file import read_checked_key_points
-from cell.hardware.photograph import Photograph, picture_measure, read_photograph
-from cell.support.files.own_file import PNG_MARK, refuse_foreign
-from cell.support.files.whole_file import refuse_unwritable
-from robots.errors import ConfigurationError
-from robots.ports import Array
-from skills.garments.garment import Garment
-from skills.garments.key_point_check import KeyPointFinding
-from skills.garments.picture_measure import PictureMeasure
-from skills.perception.drawing import draw_overlay
+from foldcell.calibration.shear import clip_and_lowest
+from foldcell.cell.commands.options import Commands, add_command, cell_option, json_option, page_options
+from foldcell.cell.commands.output import print_json
+from foldcell.cell.commands.skill.perceive import look_at, write_overlay, write_picture, write_refused
+from foldcell.cell.config.cell_settings import CellSettings, load_settings
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.config.garments.key_points_file import read_checked_key_points
+from foldcell.cell.hardware.photograph import Photograph, picture_measure, read_photograph
+from foldcell.cell.support.files.own_file import PNG_MARK, refuse_foreign
+from foldcell.cell.support.files.whole_file import refuse_unwritable
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.ports import Array
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.garments.key_point_check import KeyPointFinding
+from foldcell.skills.garments.picture_measure import PictureMeasure
+from foldcell.skills.perception.drawing import draw_overlay
 
 __all__ = ["add_options", "run"]
 
@@ -125,7 +125,7 @@ def _from_page(
     options: argparse.Namespace, settings: CellSettings, like: Garment, pair: tuple[int, int] | None, output: Path
 ) -> int:
     """Make the file from key points that a person places on a page, and write these to a file, too."""
-    from cell.commands.garment.edit import edited, write_key_points
+    from foldcell.cell.commands.garment.edit import edited, write_key_points
 
     kept = output.with_name(f"{output.stem}-key-points.yaml")
     if kept.exists() and not options.replace and kept != options.key_points:
@@ -186,7 +186,7 @@ def _write(
     """Write the garment's file. points: key points in the laid pose. how: the way in which they were found, in
     words. Returns its template."""
     # loaded only now, because kinematics take seconds to load, and a picture is refused sooner
-    from cell.hardware.placement import write_own_garment
+    from foldcell.cell.hardware.placement import write_own_garment
 
     made = f"foldcell {version('foldcell')}, {time.strftime('%Y-%m-%d')}"
     return write_own_garment(

@@ -6,17 +6,17 @@ import argparse
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from cell.commands.output import progress_stream, write_drawing
-from cell.config.cell_settings import CellSettings
-from cell.config.trajectory_library.ideal_heights_file import ideal_heights_of
-from cell.config.trajectory_library.library_file import load_library, user_library_path
-from cell.hardware.placement import PlacedFold
-from cell.hardware.robot_model import load_robot
-from cell.operator.progress.bar import ProgressBar
-from cell.operator.progress.compiling import report_compilation
-from cell.planning.plan_prediction import PlanPrediction, PredictedFold, predict_plan
-from cell.support.files.paths import logs_directory
-from skills.garments.garment import Garment
+from foldcell.cell.commands.output import progress_stream, write_drawing
+from foldcell.cell.config.cell_settings import CellSettings
+from foldcell.cell.config.trajectory_library.ideal_heights_file import ideal_heights_of
+from foldcell.cell.config.trajectory_library.library_file import load_library, user_library_path
+from foldcell.cell.hardware.placement import PlacedFold
+from foldcell.cell.hardware.robot_model import load_robot
+from foldcell.cell.operator.progress.bar import ProgressBar
+from foldcell.cell.operator.progress.compiling import report_compilation
+from foldcell.cell.planning.plan_prediction import PlanPrediction, PredictedFold, predict_plan
+from foldcell.cell.support.files.paths import logs_directory
+from foldcell.skills.garments.garment import Garment
 
 __all__ = ["draw_prediction", "figures", "lines", "predict"]
 
@@ -47,7 +47,7 @@ def draw_prediction(
     """Draw the predicted folds into the folder of --draw, and return the picture's path; None without a folder."""
     if options.draw is None:
         return None
-    from cell.report.pictures.prediction_drawing import draw_predictions
+    from foldcell.cell.report.pictures.prediction_drawing import draw_predictions
 
     picture = draw_predictions(garment.name, found.folds, settings.table)
     return write_drawing(options.draw, f"{garment.name}-predicted", picture)

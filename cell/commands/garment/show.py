@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 import math
 
-from cell.commands.garment.garment_drawing import draw_option, drawn, figures, size
-from cell.commands.options import Commands, add_command, cell_option, json_option
-from cell.commands.output import print_json
-from cell.config.cell_settings import load_settings
-from cell.config.garments.garment_file import load_garment
+from foldcell.cell.commands.garment.garment_drawing import draw_option, drawn, figures, size
+from foldcell.cell.commands.options import Commands, add_command, cell_option, json_option
+from foldcell.cell.commands.output import print_json
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.config.garments.garment_file import load_garment
 
 __all__ = ["add_options"]
 

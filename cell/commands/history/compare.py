@@ -6,16 +6,16 @@ import argparse
 from dataclasses import asdict
 from pathlib import Path
 
-from cell.campaigns.statistics.comparison import Comparison, compare_trials
-from cell.campaigns.trials.store import CampaignFolder, changed_versions, is_campaign
-from cell.campaigns.trials.trial import Trial
-from cell.commands.options import json_option, logs_option
-from cell.commands.output import print_json, print_table
-from cell.journal.journal import Journal
-from cell.record.words import difference, garment_name, value_in_words
-from cell.runs.run_difference import Difference, RunDifference, run_difference
-from cell.support.files.paths import journal_path, logs_directory
-from robots.errors import ConfigurationError
+from foldcell.cell.campaigns.statistics.comparison import Comparison, compare_trials
+from foldcell.cell.campaigns.trials.store import CampaignFolder, changed_versions, is_campaign
+from foldcell.cell.campaigns.trials.trial import Trial
+from foldcell.cell.commands.options import json_option, logs_option
+from foldcell.cell.commands.output import print_json, print_table
+from foldcell.cell.journal.journal import Journal
+from foldcell.cell.record.words import difference, garment_name, value_in_words
+from foldcell.cell.runs.run_difference import Difference, RunDifference, run_difference
+from foldcell.cell.support.files.paths import journal_path, logs_directory
+from foldcell.robots.errors import ConfigurationError
 
 __all__ = ["add_options", "run"]
 

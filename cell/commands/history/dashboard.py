@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 import threading
 
-from cell.commands.options import json_option, logs_option, port
-from cell.commands.output import print_json
-from cell.support.files.paths import logs_directory
-from robots.errors import StorageError
+from foldcell.cell.commands.options import json_option, logs_option, port
+from foldcell.cell.commands.output import print_json
+from foldcell.cell.support.files.paths import logs_directory
+from foldcell.robots.errors import StorageError
 
 __all__ = ["add_options", "run"]
 
@@ -23,8 +23,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Print the page's address and serve the page until a signal ends the command. Raises StorageError if there is
     no such folder or the port is in use."""
-    from cell.campaigns.dashboard.server import served_history
-    from cell.operator.local_server import open_listener
+    from foldcell.cell.campaigns.dashboard.server import served_history
+    from foldcell.cell.operator.local_server import open_listener
 
     logs = logs_directory(options.logs)
     if not logs.is_dir():

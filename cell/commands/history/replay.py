@@ -10,15 +10,15 @@ import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from cell.commands.options import json_option, logs_option, run_name
-from cell.commands.output import print_json, progress_stream
-from cell.journal.journal import Entry, Journal, JournalRun
-from cell.support.files.paths import journal_path, logs_directory
-from cell.view.viewing.viewer import find_viewer, silent_environment
-from robots.errors import StorageError
+from foldcell.cell.commands.options import json_option, logs_option, run_name
+from foldcell.cell.commands.output import print_json, progress_stream
+from foldcell.cell.journal.journal import Entry, Journal, JournalRun
+from foldcell.cell.support.files.paths import journal_path, logs_directory
+from foldcell.cell.view.viewing.viewer import find_viewer, silent_environment
+from foldcell.robots.errors import StorageError
 
 if TYPE_CHECKING:
-    from cell.runs.decide_again import Verdict
+    from foldcell.cell.runs.decide_again import Verdict
 
 __all__ = ["add_options", "run"]
 
@@ -67,9 +67,9 @@ def run(options: argparse.Namespace) -> int:
 
 def _decide(run: JournalRun, entries: Sequence[Entry], as_json: bool) -> int:
     """Check whether the present program repeats the decisions of a recorded run."""
-    from cell.operator.progress.compiling import report_compilation
-    from cell.operator.progress.lines import ProgressLines
-    from cell.runs.decide_again import changed_versions, decide_again
+    from foldcell.cell.operator.progress.compiling import report_compilation
+    from foldcell.cell.operator.progress.lines import ProgressLines
+    from foldcell.cell.runs.decide_again import changed_versions, decide_again
 
     changed = changed_versions(run.versions)
     lines = ProgressLines(progress_stream(as_json))

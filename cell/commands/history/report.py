@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from cell.commands.history.runs import ListedRun
-from cell.commands.options import json_option, logs_option, run_name
-from cell.commands.output import print_json
-from cell.journal.journal import NOT_BEGUN, Intent, Journal, JournalRun, performed
-from cell.runs.resumable import resumable
-from cell.support.files.paths import command_for, journal_path, logs_directory
+from foldcell.cell.commands.history.runs import ListedRun
+from foldcell.cell.commands.options import json_option, logs_option, run_name
+from foldcell.cell.commands.output import print_json
+from foldcell.cell.journal.journal import NOT_BEGUN, Intent, Journal, JournalRun, performed
+from foldcell.cell.runs.resumable import resumable
+from foldcell.cell.support.files.paths import command_for, journal_path, logs_directory
 
 __all__ = ["add_options", "run"]
 

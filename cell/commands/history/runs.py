@@ -9,14 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cell.commands.options import count, json_option, logs_option
-from cell.commands.output import print_json, print_table
-from cell.journal.checkpoint_file import has_checkpoint
-from cell.journal.journal import Intent, Journal, JournalRun
-from cell.record.run_record import Ending, ending_of
-from cell.record.words import plain
-from cell.support.files.paths import command_for, journal_path, logs_to_read
-from robots.errors import ConfigurationError
+from foldcell.cell.commands.options import count, json_option, logs_option
+from foldcell.cell.commands.output import print_json, print_table
+from foldcell.cell.journal.checkpoint_file import has_checkpoint
+from foldcell.cell.journal.journal import Intent, Journal, JournalRun
+from foldcell.cell.record.run_record import Ending, ending_of
+from foldcell.cell.record.words import plain
+from foldcell.cell.support.files.paths import command_for, journal_path, logs_to_read
+from foldcell.robots.errors import ConfigurationError
 
 __all__ = ["ListedRun", "add_options", "run"]
 
@@ -113,7 +113,7 @@ def run(options: argparse.Namespace) -> int:
 def _campaign_figures(path: Path) -> dict[str, Any]:
     """Return the figures of one campaign as a flat mapping. Raises ConfigurationError if the campaign is
     damaged."""
-    from cell.campaigns.trials.store import CampaignFolder
+    from foldcell.cell.campaigns.trials.store import CampaignFolder
 
     try:
         campaign = CampaignFolder.open(path)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 
-from cell.commands.options import count, json_option, logs_option
-from cell.commands.output import print_json, print_table
-from cell.runs.pruning import prunable_runs, prune
-from cell.support.files.paths import logs_to_read
+from foldcell.cell.commands.options import count, json_option, logs_option
+from foldcell.cell.commands.output import print_json, print_table
+from foldcell.cell.runs.pruning import prunable_runs, prune
+from foldcell.cell.support.files.paths import logs_to_read
 
 __all__ = ["add_options", "run"]
 

@@ -12,10 +12,10 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from cell.commands.options import json_option
-from cell.commands.output import print_json, print_table, progress_stream
-from cell.config.garments.garment_file import load_garment
-from robots.errors import ConfigurationError
+from foldcell.cell.commands.options import json_option
+from foldcell.cell.commands.output import print_json, print_table, progress_stream
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.robots.errors import ConfigurationError
 
 __all__ = ["BENCHES", "add_options", "run"]
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from cell.commands.options import json_option
-from cell.commands.output import print_json
-from cell.executive.draw_state_chart import draw_chart
-from cell.states.state_chart import CHART
-from cell.support.files.own_file import refuse_foreign
-from cell.support.files.paths import repository_root
-from cell.support.files.whole_file import write_whole
-from robots.errors import ConfigurationError
+from foldcell.cell.commands.options import json_option
+from foldcell.cell.commands.output import print_json
+from foldcell.cell.executive.draw_state_chart import draw_chart
+from foldcell.cell.states.state_chart import CHART
+from foldcell.cell.support.files.own_file import refuse_foreign
+from foldcell.cell.support.files.paths import repository_root
+from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.robots.errors import ConfigurationError
 
 __all__ = ["add_options", "run"]
 

@@ -13,11 +13,11 @@ from functools import partial
 from importlib import import_module, metadata
 from pathlib import Path
 
-from cell.support.files.paths import free_bytes, journal_path, repository_root, user_cache
-from cell.view.viewing.viewer import find_viewer
-from robots.errors import CellError
-from robots.registry import find_robot, list_robots
-from robots.ros.installation import PACKAGES, find_ros
+from foldcell.cell.support.files.paths import free_bytes, journal_path, repository_root, user_cache
+from foldcell.cell.view.viewing.viewer import find_viewer
+from foldcell.robots.errors import CellError
+from foldcell.robots.registry import find_robot, list_robots
+from foldcell.robots.ros.installation import PACKAGES, find_ros
 
 __all__ = ["Check", "Verdict", "examine", "pinned_versions", "required_packages"]
 
@@ -136,7 +136,7 @@ packages and are loaded together."""
 
 def _loading(*modules: str) -> subprocess.Popen[str]:
     """Start to import modules in a separate process, because an import may crash its process."""
-    plain = "from skills.motion.timing.without_plots import without_plots\nwith without_plots():\n"
+    plain = "from foldcell.skills.motion.timing.without_plots import without_plots\nwith without_plots():\n"
     return subprocess.Popen(
         [sys.executable, "-c", f"{plain} import {', '.join(modules)}"],
         stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
@@ -174,10 +174,11 @@ def _robot_model(name: str) -> Iterable[Check]:
 
 
 COMPILED = (
-    "cell.report.pictures.cloth_raster", "cell.report.pictures.mesh_raster",
-    "skills.cloth.intersections.crossings",
-    "skills.cloth.kernel", "skills.fold_figures.table_raster", "skills.motion.kinematics.ik",
-    "skills.perception.registration.energy", "skills.perception.segmentation.colour_model",
+    "foldcell.cell.report.pictures.cloth_raster", "foldcell.cell.report.pictures.mesh_raster",
+    "foldcell.skills.cloth.intersections.crossings",
+    "foldcell.skills.cloth.kernel", "foldcell.skills.fold_figures.table_raster",
+    "foldcell.skills.motion.kinematics.ik",
+    "foldcell.skills.perception.registration.energy", "foldcell.skills.perception.segmentation.colour_model",
 )  # fmt: skip
 """Modules with functions whose compiled code is kept on disk."""
 
@@ -190,7 +191,7 @@ def _caches() -> Iterable[Check]:
 def _compile_cache() -> Iterable[Check]:
     """Load every entry, and check that the folder of the cloth simulation can be written: NUMBA_CACHE_DIR, or
     `__pycache__` beside the sources, or the user's cache of numba."""
-    from skills.compiled import FallibleCache
+    from foldcell.skills.compiled import FallibleCache
 
     for module in COMPILED:
         import_module(module)
@@ -230,7 +231,7 @@ def _logs(logs: Path) -> Iterable[Check]:
     journal_file = journal_path(logs)
     if not journal_file.exists():
         return
-    from cell.journal.journal import Journal
+    from foldcell.cell.journal.journal import Journal
 
     with Journal.open(journal_file, readonly=True) as journal:
         state = journal.check()
@@ -284,8 +285,8 @@ def _cores() -> Iterable[Check]:
 
 
 def _garments() -> Iterable[Check]:
-    from cell.config.cell_settings import load_settings
-    from cell.config.garments.garment_file import list_garments, load_garment
+    from foldcell.cell.config.cell_settings import load_settings
+    from foldcell.cell.config.garments.garment_file import list_garments, load_garment
 
     surface = load_settings().surface
     names = list_garments()

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 
-from cell.commands.installation.checks import Verdict, examine
-from cell.commands.options import json_option, logs_option
-from cell.commands.output import print_json, print_table
-from cell.support.files.paths import logs_directory
+from foldcell.cell.commands.installation.checks import Verdict, examine
+from foldcell.cell.commands.options import json_option, logs_option
+from foldcell.cell.commands.output import print_json, print_table
+from foldcell.cell.support.files.paths import logs_directory
 
 __all__ = ["add_options", "run"]
 

@@ -7,21 +7,21 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from cell.commands.options import Commands, add_command, cell_option, folder, json_option
-from cell.commands.output import print_json, print_table, progress_stream
-from cell.config.cell_settings import CellSettings, load_settings
-from cell.hardware.cell_check import robot_findings
-from cell.hardware.contract.clauses import CLAUSES, ClauseResult, check_driver
-from cell.hardware.contract.opening import opened_rig
-from cell.hardware.contract.rig import Rig
-from cell.support.files.own_file import refuse_foreign
-from cell.support.files.whole_file import write_whole
-from cell.support.junit import junit_text
-from cell.support.process.interrupts import taking_signals
-from cell.support.process.terminations import BY_SIGNAL
-from robots.errors import ConfigurationError, StorageError
-from robots.registry import find_robot, list_robots
-from robots.urdf.skeleton import skeleton_files
+from foldcell.cell.commands.options import Commands, add_command, cell_option, folder, json_option
+from foldcell.cell.commands.output import print_json, print_table, progress_stream
+from foldcell.cell.config.cell_settings import CellSettings, load_settings
+from foldcell.cell.hardware.cell_check import robot_findings
+from foldcell.cell.hardware.contract.clauses import CLAUSES, ClauseResult, check_driver
+from foldcell.cell.hardware.contract.opening import opened_rig
+from foldcell.cell.hardware.contract.rig import Rig
+from foldcell.cell.support.files.own_file import refuse_foreign
+from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.cell.support.junit import junit_text
+from foldcell.cell.support.process.interrupts import taking_signals
+from foldcell.cell.support.process.terminations import BY_SIGNAL
+from foldcell.robots.errors import ConfigurationError, StorageError
+from foldcell.robots.registry import find_robot, list_robots
+from foldcell.robots.urdf.skeleton import skeleton_files
 
 __all__ = ["add_options"]
 

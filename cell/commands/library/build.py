@@ -8,27 +8,27 @@ from concurrent.futures import Executor
 from dataclasses import replace
 from pathlib import Path
 
-from cell.campaigns.executors import chosen_workers
-from cell.commands.library.show import figures
-from cell.commands.options import Commands, add_command, cell_option, count, json_option, logs_option
-from cell.commands.output import print_json, progress_stream
-from cell.config.cell_settings import load_settings
-from cell.config.garments.garment_file import list_garments, load_garment
-from cell.config.trajectory_library.ideal_heights_file import (
+from foldcell.cell.campaigns.executors import chosen_workers
+from foldcell.cell.commands.library.show import figures
+from foldcell.cell.commands.options import Commands, add_command, cell_option, count, json_option, logs_option
+from foldcell.cell.commands.output import print_json, progress_stream
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.config.garments.garment_file import list_garments, load_garment
+from foldcell.cell.config.trajectory_library.ideal_heights_file import (
     ideal_heights_of,
     put_ideal_heights,
     user_heights_path,
 )
-from cell.config.trajectory_library.library_file import put_garments, user_library_path
-from cell.operator.progress.bar import ProgressBar
-from cell.planning.trajectory_library_build import BuildProgress, BuiltStep, build_library
-from cell.planning.unfinished_build import UnfinishedBuild
-from cell.support.files.own_file import refuse_foreign
-from cell.support.files.paths import logs_directory, prepare_logs
-from skills.fold_plan.ideal_heights import bending_lengths, ideal_fold_heights
-from skills.garments.garment import Garment
-from skills.trajectory.search.optimise import ClothPredictor
-from skills.trajectory.trajectory_library import LibraryEntry
+from foldcell.cell.config.trajectory_library.library_file import put_garments, user_library_path
+from foldcell.cell.operator.progress.bar import ProgressBar
+from foldcell.cell.planning.trajectory_library_build import BuildProgress, BuiltStep, build_library
+from foldcell.cell.planning.unfinished_build import UnfinishedBuild
+from foldcell.cell.support.files.own_file import refuse_foreign
+from foldcell.cell.support.files.paths import logs_directory, prepare_logs
+from foldcell.skills.fold_plan.ideal_heights import bending_lengths, ideal_fold_heights
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.trajectory.search.optimise import ClothPredictor
+from foldcell.skills.trajectory.trajectory_library import LibraryEntry
 
 __all__ = ["add_options"]
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from cell.commands.options import Commands, add_command, cell_option, json_option, logs_option
-from cell.commands.output import print_json, print_table
-from cell.config.cell_settings import load_settings
-from cell.config.trajectory_library.library_file import load_library
-from cell.support.files.paths import logs_directory
-from skills.trajectory.trajectory_library import LibraryEntry
+from foldcell.cell.commands.options import Commands, add_command, cell_option, json_option, logs_option
+from foldcell.cell.commands.output import print_json, print_table
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.config.trajectory_library.library_file import load_library
+from foldcell.cell.support.files.paths import logs_directory
+from foldcell.skills.trajectory.trajectory_library import LibraryEntry
 
 __all__ = ["add_options", "figures"]
 

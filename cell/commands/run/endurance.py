@@ -7,14 +7,21 @@ import argparse
 from collections import Counter
 from dataclasses import asdict
 
-from cell.campaigns.trials.campaign import ALL, distinct_garments
-from cell.campaigns.trials.endurance import SAMPLES, SETTLED, EnduranceRun, endure, growths, random_requests
-from cell.commands.output import print_json, print_table, progress_stream
-from cell.commands.run.perform import first_seed
-from cell.config.cell_settings import load_settings
-from cell.hardware.placement import refuse_unfit_folds
-from cell.record.words import garment_name
-from cell.support.files.paths import campaign_folder, logs_directory, prepare_logs
+from foldcell.cell.campaigns.trials.campaign import ALL, distinct_garments
+from foldcell.cell.campaigns.trials.endurance import (
+    SAMPLES,
+    SETTLED,
+    EnduranceRun,
+    endure,
+    growths,
+    random_requests,
+)
+from foldcell.cell.commands.output import print_json, print_table, progress_stream
+from foldcell.cell.commands.run.perform import first_seed
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.hardware.placement import refuse_unfit_folds
+from foldcell.cell.record.words import garment_name
+from foldcell.cell.support.files.paths import campaign_folder, logs_directory, prepare_logs
 
 __all__ = ["run_endurance"]
 

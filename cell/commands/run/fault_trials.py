@@ -6,19 +6,19 @@ import argparse
 from functools import partial
 from pathlib import Path
 
-from cell.campaigns.faults.fault_table import SHIPPED, FaultTable, read_fault_table
-from cell.campaigns.faults.fault_trials import chosen_faults, fault_campaign, faults_of
-from cell.campaigns.faults.judge import judge
-from cell.campaigns.faults.results import FaultResults, Group
-from cell.campaigns.page.fault_page import PAGE, write_fault_results
-from cell.campaigns.trials.campaign import distinct_garments
-from cell.campaigns.trials.store import CampaignFolder
-from cell.campaigns.trials.trial import Trial
-from cell.commands.output import print_json, print_table
-from cell.commands.run.perform import first_seed, new_campaign, perform, resumed_campaign
-from cell.config.cell_settings import load_settings
-from cell.record.words import garment_name, interval
-from cell.support.files.whole_file import write_whole
+from foldcell.cell.campaigns.faults.fault_table import SHIPPED, FaultTable, read_fault_table
+from foldcell.cell.campaigns.faults.fault_trials import chosen_faults, fault_campaign, faults_of
+from foldcell.cell.campaigns.faults.judge import judge
+from foldcell.cell.campaigns.faults.results import FaultResults, Group
+from foldcell.cell.campaigns.page.fault_page import PAGE, write_fault_results
+from foldcell.cell.campaigns.trials.campaign import distinct_garments
+from foldcell.cell.campaigns.trials.store import CampaignFolder
+from foldcell.cell.campaigns.trials.trial import Trial
+from foldcell.cell.commands.output import print_json, print_table
+from foldcell.cell.commands.run.perform import first_seed, new_campaign, perform, resumed_campaign
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.record.words import garment_name, interval
+from foldcell.cell.support.files.whole_file import write_whole
 
 __all__ = ["TABLE", "add_fault_options", "run_fault_trials"]
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from cell.commands.options import json_option, run_options
-from cell.commands.output import print_json
-from cell.config.cell_settings import load_settings
-from cell.config.garments.garment_file import load_garment
-from cell.journal.checkpoint_file import has_checkpoint
-from cell.record.run_record import FoldRecord, RunRecord, ScoreRecord
-from cell.record.words import (
+from foldcell.cell.commands.options import json_option, run_options
+from foldcell.cell.commands.output import print_json
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.journal.checkpoint_file import has_checkpoint
+from foldcell.cell.record.run_record import FoldRecord, RunRecord, ScoreRecord
+from foldcell.cell.record.words import (
     figure,
     figure_name,
     garment_name,
@@ -21,9 +21,9 @@ from cell.record.words import (
     percent,
     plain,
 )
-from cell.states.transition_table import State
-from cell.support.files.paths import command_for, logs_directory, prepare_logs
-from skills.perception.inspection.claim import Claim
+from foldcell.cell.states.transition_table import State
+from foldcell.cell.support.files.paths import command_for, logs_directory, prepare_logs
+from foldcell.skills.perception.inspection.claim import Claim
 
 __all__ = ["add_options", "run", "tell"]
 
@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> int:
     if options.garment != "auto":
         load_garment(options.garment, settings.surface)
     logs = prepare_logs(logs_directory(options.logs))
-    from cell.runs.fold_run import FoldRequest, fold_once
+    from foldcell.cell.runs.fold_run import FoldRequest, fold_once
 
     record = fold_once(
         FoldRequest(

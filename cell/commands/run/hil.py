@@ -11,23 +11,23 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
-from cell.campaigns.hil.script import Script, read_script
-from cell.campaigns.hil.script_run import ScriptResult, check_script, run_script
-from cell.commands.options import cell_option, driver_options, json_option, logs_option
-from cell.commands.output import print_json, progress_stream
-from cell.commands.run.ladder import LADDER, SPEEDS, run_ladder
-from cell.config.cell_settings import CellSettings, load_settings
-from cell.hardware.driver_names import is_simulated
-from cell.hardware.placement import refuse_unfit_folds
-from cell.support.files.names import checked_name
-from cell.support.files.own_file import refuse_foreign
-from cell.support.files.paths import campaign_folder, logs_directory, prepare_logs, space_for
-from cell.support.files.whole_file import write_whole
-from cell.support.json_values import to_json
-from cell.support.junit import JUnitCase, junit_text
-from cell.support.process.lock import OwnerLock
-from cell.support.process.terminations import BY_SIGNAL, Terminated
-from robots.errors import ConfigurationError
+from foldcell.cell.campaigns.hil.script import Script, read_script
+from foldcell.cell.campaigns.hil.script_run import ScriptResult, check_script, run_script
+from foldcell.cell.commands.options import cell_option, driver_options, json_option, logs_option
+from foldcell.cell.commands.output import print_json, progress_stream
+from foldcell.cell.commands.run.ladder import LADDER, SPEEDS, run_ladder
+from foldcell.cell.config.cell_settings import CellSettings, load_settings
+from foldcell.cell.hardware.driver_names import is_simulated
+from foldcell.cell.hardware.placement import refuse_unfit_folds
+from foldcell.cell.support.files.names import checked_name
+from foldcell.cell.support.files.own_file import refuse_foreign
+from foldcell.cell.support.files.paths import campaign_folder, logs_directory, prepare_logs, space_for
+from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.cell.support.json_values import to_json
+from foldcell.cell.support.junit import JUnitCase, junit_text
+from foldcell.cell.support.process.lock import OwnerLock
+from foldcell.cell.support.process.terminations import BY_SIGNAL, Terminated
+from foldcell.robots.errors import ConfigurationError
 
 __all__ = ["add_options", "run"]
 

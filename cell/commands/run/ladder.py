@@ -6,19 +6,19 @@ import argparse
 import sys
 import time
 
-from cell.calibrating.session import CalibrationRequest
-from cell.campaigns.ladder.climb import Passes, climb, write_results
-from cell.campaigns.ladder.page import write_page
-from cell.campaigns.ladder.steps import STEPS
-from cell.commands.output import print_json, progress_stream
-from cell.config.cell_settings import CellSettings, load_settings
-from cell.hardware.driver_names import is_simulated
-from cell.support.files.own_file import refuse_foreign
-from cell.support.files.paths import campaign_folder, logs_directory, prepare_logs
-from cell.support.files.whole_file import write_whole
-from cell.support.junit import JUnitCase, junit_text
-from cell.support.process.terminations import BY_SIGNAL
-from robots.errors import ConfigurationError
+from foldcell.cell.calibrating.session import CalibrationRequest
+from foldcell.cell.campaigns.ladder.climb import Passes, climb, write_results
+from foldcell.cell.campaigns.ladder.page import write_page
+from foldcell.cell.campaigns.ladder.steps import STEPS
+from foldcell.cell.commands.output import print_json, progress_stream
+from foldcell.cell.config.cell_settings import CellSettings, load_settings
+from foldcell.cell.hardware.driver_names import is_simulated
+from foldcell.cell.support.files.own_file import refuse_foreign
+from foldcell.cell.support.files.paths import campaign_folder, logs_directory, prepare_logs
+from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.cell.support.junit import JUnitCase, junit_text
+from foldcell.cell.support.process.terminations import BY_SIGNAL
+from foldcell.robots.errors import ConfigurationError
 
 __all__ = ["LADDER", "SPEEDS", "run_ladder"]
 

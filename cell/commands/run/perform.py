@@ -9,16 +9,16 @@ import shutil
 import sys
 from collections.abc import Callable, Iterable
 
-from cell.campaigns.executors import RUNS_EACH, chosen_workers
-from cell.campaigns.perform_campaign import Write, perform_campaign, write_results
-from cell.campaigns.trials.campaign import Campaign, TrialRequest
-from cell.campaigns.trials.progress import CampaignProgress, described
-from cell.campaigns.trials.store import CampaignFolder
-from cell.campaigns.trials.trial import Trial
-from cell.commands.output import progress_stream
-from cell.hardware.placement import refuse_unfit_folds
-from cell.support.files.paths import campaign_folder, command_for, logs_directory, prepare_logs, space_for
-from robots.errors import ConfigurationError, StorageError
+from foldcell.cell.campaigns.executors import RUNS_EACH, chosen_workers
+from foldcell.cell.campaigns.perform_campaign import Write, perform_campaign, write_results
+from foldcell.cell.campaigns.trials.campaign import Campaign, TrialRequest
+from foldcell.cell.campaigns.trials.progress import CampaignProgress, described
+from foldcell.cell.campaigns.trials.store import CampaignFolder
+from foldcell.cell.campaigns.trials.trial import Trial
+from foldcell.cell.commands.output import progress_stream
+from foldcell.cell.hardware.placement import refuse_unfit_folds
+from foldcell.cell.support.files.paths import campaign_folder, command_for, logs_directory, prepare_logs, space_for
+from foldcell.robots.errors import ConfigurationError, StorageError
 
 __all__ = ["first_seed", "new_campaign", "perform", "resumed_campaign"]
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 import sys
 
-from cell.commands.options import cell_option, json_option
-from cell.commands.output import print_json
-from cell.config.cell_settings import load_settings
-from cell.hardware.driver import stop_circuit
-from robots.errors import DriverError, FailureKind
-from robots.ports import Stop
+from foldcell.cell.commands.options import cell_option, json_option
+from foldcell.cell.commands.output import print_json
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.hardware.driver import stop_circuit
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.ports import Stop
 
 __all__ = ["add_options", "run"]
 

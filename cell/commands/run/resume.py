@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from cell.commands.options import json_option, logs_option, run_name
-from cell.commands.run.fold import tell
-from cell.journal.journal import Journal
-from cell.support.files.paths import journal_path, logs_directory, prepare_logs
+from foldcell.cell.commands.options import json_option, logs_option, run_name
+from foldcell.cell.commands.run.fold import tell
+from foldcell.cell.journal.journal import Journal
+from foldcell.cell.support.files.paths import journal_path, logs_directory, prepare_logs
 
 __all__ = ["add_options", "run"]
 
@@ -25,8 +25,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Read and check the interrupted run, then open the cell and resume the run. Raises ConfigurationError,
     StorageError."""
-    from cell.runs.checkpoint_writer import interrupted_run
-    from cell.runs.fold_run import fold_once
+    from foldcell.cell.runs.checkpoint_writer import interrupted_run
+    from foldcell.cell.runs.fold_run import fold_once
 
     logs = logs_directory(options.logs)
     changes: dict[str, Any] = {"quiet": options.json, "live": options.live}

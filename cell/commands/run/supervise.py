@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from cell.commands.options import json_option, page_options, run_options
-from cell.commands.run.fold import run
+from foldcell.cell.commands.options import json_option, page_options, run_options
+from foldcell.cell.commands.run.fold import run
 
 __all__ = ["add_options"]
 

@@ -8,18 +8,26 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from cell.campaigns.page.campaign_page import PAGE
-from cell.campaigns.results import CampaignResults
-from cell.campaigns.statistics.summary import ALL
-from cell.campaigns.trials.campaign import Campaign, CampaignFile, campaign_of, read_campaign
-from cell.commands.options import cell_option, count, driver_options, folder, json_option, logs_option, seed
-from cell.commands.output import print_json, print_table
-from cell.commands.run.endurance import run_endurance
-from cell.commands.run.fault_trials import TABLE, add_fault_options, run_fault_trials
-from cell.commands.run.perform import first_seed, new_campaign, perform, resumed_campaign
-from cell.config.cell_settings import load_settings
-from cell.record.words import figure, garment_name, interval, percent
-from robots.errors import ConfigurationError
+from foldcell.cell.campaigns.page.campaign_page import PAGE
+from foldcell.cell.campaigns.results import CampaignResults
+from foldcell.cell.campaigns.statistics.summary import ALL
+from foldcell.cell.campaigns.trials.campaign import Campaign, CampaignFile, campaign_of, read_campaign
+from foldcell.cell.commands.options import (
+    cell_option,
+    count,
+    driver_options,
+    folder,
+    json_option,
+    logs_option,
+    seed,
+)
+from foldcell.cell.commands.output import print_json, print_table
+from foldcell.cell.commands.run.endurance import run_endurance
+from foldcell.cell.commands.run.fault_trials import TABLE, add_fault_options, run_fault_trials
+from foldcell.cell.commands.run.perform import first_seed, new_campaign, perform, resumed_campaign
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.record.words import figure, garment_name, interval, percent
+from foldcell.robots.errors import ConfigurationError
 
 __all__ = ["add_options", "run"]
 

@@ -7,19 +7,19 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from cell.commands.options import cell_option, count, json_option
-from cell.commands.output import print_json, progress_stream
-from cell.config.cell_settings import load_settings
-from cell.config.garments.garment_file import load_garment
-from cell.operator.progress.bar import ProgressBar
-from cell.operator.progress.compiling import report_compilation
-from cell.planning.plan_optimisation import StepOptimisation, check_step, optimise_plan
-from cell.support.files.own_file import refuse_foreign
-from cell.support.files.whole_file import write_whole
-from robots.errors import ConfigurationError
-from robots.ports import Array
-from skills.trajectory.export.tool_poses import MARKS, pose_rows, tool_poses_text
-from skills.vocabulary import FoldStep
+from foldcell.cell.commands.options import cell_option, count, json_option
+from foldcell.cell.commands.output import print_json, progress_stream
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.operator.progress.bar import ProgressBar
+from foldcell.cell.operator.progress.compiling import report_compilation
+from foldcell.cell.planning.plan_optimisation import StepOptimisation, check_step, optimise_plan
+from foldcell.cell.support.files.own_file import refuse_foreign
+from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.ports import Array
+from foldcell.skills.trajectory.export.tool_poses import MARKS, pose_rows, tool_poses_text
+from foldcell.skills.vocabulary import FoldStep
 
 __all__ = ["add_options", "run"]
 

@@ -11,19 +11,19 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.commands.options import cell_option, json_option
-from cell.commands.output import print_json
-from cell.config.cell_settings import load_settings
-from cell.hardware.photograph import in_unit, perceive_photograph, read_photograph
-from cell.support.files.own_file import PNG_MARK, marked_png, refuse_foreign
-from cell.support.files.whole_file import write_whole
-from robots.errors import ConfigurationError, Failure
-from robots.ports import Array, CameraFrame
-from skills.perception.drawing import draw_on_camera, draw_overlay, draw_region
-from skills.perception.perceive import Perception
-from skills.perception.rectification.table_view import TableView
-from skills.perception.segmentation.mask import Segmentation
-from skills.vocabulary import Outcome
+from foldcell.cell.commands.options import cell_option, json_option
+from foldcell.cell.commands.output import print_json
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.hardware.photograph import in_unit, perceive_photograph, read_photograph
+from foldcell.cell.support.files.own_file import PNG_MARK, marked_png, refuse_foreign
+from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.robots.errors import ConfigurationError, Failure
+from foldcell.robots.ports import Array, CameraFrame
+from foldcell.skills.perception.drawing import draw_on_camera, draw_overlay, draw_region
+from foldcell.skills.perception.perceive import Perception
+from foldcell.skills.perception.rectification.table_view import TableView
+from foldcell.skills.perception.segmentation.mask import Segmentation
+from foldcell.skills.vocabulary import Outcome
 
 __all__ = ["Look", "add_options", "look_at", "run", "write_overlay", "write_picture", "write_refused"]
 

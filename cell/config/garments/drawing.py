@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array
-from skills.fold_plan.folding import silhouette
-from skills.fold_plan.plan import plan_folds
-from skills.garments.garment import Garment
-from skills.vocabulary import FoldStep
+from foldcell.robots.ports import Array
+from foldcell.skills.fold_plan.folding import silhouette
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.vocabulary import FoldStep
 
 __all__ = ["draw_garment"]
 

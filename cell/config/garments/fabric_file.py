@@ -9,13 +9,13 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from cell.config.yaml_file import read_yaml
-from robots.errors import InternalError
-from skills.garments.garment import Fabric, Span
+from foldcell.cell.config.yaml_file import read_yaml
+from foldcell.robots.errors import InternalError
+from foldcell.skills.garments.garment import Fabric, Span
 
 __all__ = ["load_fabrics"]
 
-PATH = Path(str(resources.files("skills.garments.fabrics") / "fabrics.yaml"))
+PATH = Path(str(resources.files("foldcell.skills.garments.fabrics") / "fabrics.yaml"))
 PROPERTIES = tuple(f.name for f in fields(Fabric) if f.name not in {"name", "title", "sources"})
 
 

@@ -22,12 +22,12 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from cell.config.garments.fabric_file import load_fabrics
-from cell.config.garments.plan_check import check_lines_and_grasps
-from cell.config.yaml_file import Document, Key, dotted, parse_yaml, read_text, shown
-from robots.errors import ConfigurationError
-from skills.garments.garment import Anchor, Garment, PlanGrasp, PlanStep, PlanVariant, PoseRange
-from skills.garments.outline_check import (
+from foldcell.cell.config.garments.fabric_file import load_fabrics
+from foldcell.cell.config.garments.plan_check import check_lines_and_grasps
+from foldcell.cell.config.yaml_file import Document, Key, dotted, parse_yaml, read_text, shown
+from foldcell.robots.errors import ConfigurationError
+from foldcell.skills.garments.garment import Anchor, Garment, PlanGrasp, PlanStep, PlanVariant, PoseRange
+from foldcell.skills.garments.outline_check import (
     LARGEST,
     SMALLEST,
     crosses_itself,
@@ -35,7 +35,7 @@ from skills.garments.outline_check import (
     runs_clockwise,
     same_places,
 )
-from skills.vocabulary import CREASE_SET, REFERENCE_DROP, GraspId, Material, frozen
+from foldcell.skills.vocabulary import CREASE_SET, REFERENCE_DROP, GraspId, Material, frozen
 
 __all__ = [
     "AVERAGE",
@@ -67,13 +67,13 @@ assumed."""
 
 def list_garments() -> tuple[str, ...]:
     """Return the names of the shipped garments."""
-    folder = resources.files("skills.garments")
+    folder = resources.files("foldcell.skills.garments")
     return tuple(sorted(p.name.removesuffix(".yaml") for p in folder.iterdir() if p.name.endswith(".yaml")))
 
 
 def shipped_garment_path(name: str) -> Path:
     """Return the path of a shipped garment's file."""
-    return Path(str(resources.files("skills.garments") / f"{name}.yaml"))
+    return Path(str(resources.files("foldcell.skills.garments") / f"{name}.yaml"))
 
 
 def load_garment(name_or_path: str | Path, surface: str = DEFAULT_SURFACE) -> Garment:

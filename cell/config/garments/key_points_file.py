@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from cell.config.yaml_file import Document, read_yaml
-from robots.errors import ConfigurationError
-from robots.ports import Array
-from skills.garments.garment import Garment
-from skills.garments.key_point_check import KeyPointFinding, check_key_points
-from skills.garments.picture_measure import PictureMeasure
+from foldcell.cell.config.yaml_file import Document, read_yaml
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.ports import Array
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.garments.key_point_check import KeyPointFinding, check_key_points
+from foldcell.skills.garments.picture_measure import PictureMeasure
 
 __all__ = ["key_points_text", "read_checked_key_points", "read_key_points"]
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import yaml
 
-from cell.config.garments.garment_file import DEFAULT_SURFACE, load_garment
-from cell.config.yaml_file import parse_yaml
+from foldcell.cell.config.garments.garment_file import DEFAULT_SURFACE, load_garment
+from foldcell.cell.config.yaml_file import parse_yaml
 
 __all__ = ["with_material"]
 

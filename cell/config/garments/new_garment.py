@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import yaml
 
-from cell.config.garments.garment_file import FABRIC_FIELDS, garment_path, load_garment
-from cell.config.yaml_file import read_yaml
-from robots.errors import ConfigurationError
-from robots.ports import Array
-from skills.fold_plan.plan import plan_folds
-from skills.garments.garment import Garment, PoseRange
+from foldcell.cell.config.garments.garment_file import FABRIC_FIELDS, garment_path, load_garment
+from foldcell.cell.config.yaml_file import read_yaml
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.ports import Array
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.garments.garment import Garment, PoseRange
 
 __all__ = ["check_plan", "new_garment_text"]
 

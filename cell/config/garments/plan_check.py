@@ -7,12 +7,12 @@ from itertools import product
 
 import numpy as np
 
-from cell.config.yaml_file import Document, Key
-from robots.errors import ConfigurationError
-from skills.fold_plan.folding import layers_at
-from skills.fold_plan.plan import LEAST_FLAP, plan_folds
-from skills.garments.garment import Garment
-from skills.vocabulary import FoldStep
+from foldcell.cell.config.yaml_file import Document, Key
+from foldcell.robots.errors import ConfigurationError
+from foldcell.skills.fold_plan.folding import layers_at
+from foldcell.skills.fold_plan.plan import LEAST_FLAP, plan_folds
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.vocabulary import FoldStep
 
 __all__ = ["check_lines_and_grasps"]
 

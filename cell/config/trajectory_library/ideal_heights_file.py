@@ -11,9 +11,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from cell.config.trajectory_library.library_file import alone_with, write_text
-from skills.fold_plan.ideal_heights import IdealFoldHeights
-from skills.garments.garment import Garment
+from foldcell.cell.config.trajectory_library.library_file import alone_with, write_text
+from foldcell.skills.fold_plan.ideal_heights import IdealFoldHeights
+from foldcell.skills.garments.garment import Garment
 
 __all__ = ["ideal_heights_of", "put_ideal_heights", "shipped_heights_path", "user_heights_path"]
 
@@ -22,7 +22,7 @@ FIELDS = tuple(f.name for f in fields(IdealFoldHeights))
 
 
 def shipped_heights_path() -> Path:
-    return Path(str(resources.files("cell.config.trajectory_library") / "ideal_heights.json"))
+    return Path(str(resources.files("foldcell.cell.config.trajectory_library") / "ideal_heights.json"))
 
 
 def user_heights_path(library: Path) -> Path:

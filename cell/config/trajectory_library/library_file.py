@@ -11,11 +11,18 @@ from dataclasses import dataclass
 from importlib import metadata, resources
 from pathlib import Path
 
-from cell.support.files.whole_file import write_whole
-from robots.errors import StorageError
-from skills.garments.garment import Garment
-from skills.trajectory.trajectory_library import Library, LibraryEntry, Refusal, entry_from, from_json, to_json
-from skills.vocabulary import FoldStep, GraspTrajectory
+from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.robots.errors import StorageError
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.trajectory.trajectory_library import (
+    Library,
+    LibraryEntry,
+    Refusal,
+    entry_from,
+    from_json,
+    to_json,
+)
+from foldcell.skills.vocabulary import FoldStep, GraspTrajectory
 
 __all__ = [
     "LoadedLibrary",
@@ -44,7 +51,7 @@ class LoadedLibrary:
 
 
 def shipped_library_path() -> Path:
-    return Path(str(resources.files("cell.config.trajectory_library") / "library.json"))
+    return Path(str(resources.files("foldcell.cell.config.trajectory_library") / "library.json"))
 
 
 def user_library_path(logs: Path) -> Path:

@@ -10,18 +10,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cell.control.motion import Motion, SetPoint, Tick
-from cell.control.motions.hands import Hands, control_hands
-from cell.control.set_points import LastCommand, blend
-from cell.control.ticks import TICK_S
-from robots.errors import Failure
-from robots.ports import Array, JointState, Side, arm_slice
-from skills.grasping.descend import Contact, DescentState, descend
-from skills.grasping.hand_reading import HandReading, validate_reading
-from skills.grasping.tare import TactileBias
-from skills.motion.moves.grasp import Descent
-from skills.motion.timing.jerk_limiter import JerkLimiter, step_towards
-from skills.vocabulary import Outcome
+from foldcell.cell.control.motion import Motion, SetPoint, Tick
+from foldcell.cell.control.motions.hands import Hands, control_hands
+from foldcell.cell.control.set_points import LastCommand, blend
+from foldcell.cell.control.ticks import TICK_S
+from foldcell.robots.errors import Failure
+from foldcell.robots.ports import Array, JointState, Side, arm_slice
+from foldcell.skills.grasping.descend import Contact, DescentState, descend
+from foldcell.skills.grasping.hand_reading import HandReading, validate_reading
+from foldcell.skills.grasping.tare import TactileBias
+from foldcell.skills.motion.moves.grasp import Descent
+from foldcell.skills.motion.timing.jerk_limiter import JerkLimiter, step_towards
+from foldcell.skills.vocabulary import Outcome
 
 __all__ = ["FingertipForceMonitor", "GuardedHand", "Lowering", "guarded_descent", "push_down"]
 

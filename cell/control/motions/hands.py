@@ -13,18 +13,18 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
-from cell.control.hand_record import HandRecord
-from cell.control.loop import ControlLoop
-from cell.control.motion import Motion, SetPoint, Tick, Watch
-from cell.control.set_points import LastCommand, blend
-from cell.control.ticks import TICK_S
-from robots.errors import Failure, FailureKind
-from robots.model import RobotModel
-from robots.ports import Array, GripperState, JointState, Ports, Side, TactileReading, arm_slice
-from skills.grasping.hand_reading import GripCommand, HandReading
-from skills.motion.kinematics.ik import tool_pose
-from skills.motion.moves.grasp import Descent
-from skills.vocabulary import Outcome, Table
+from foldcell.cell.control.hand_record import HandRecord
+from foldcell.cell.control.loop import ControlLoop
+from foldcell.cell.control.motion import Motion, SetPoint, Tick, Watch
+from foldcell.cell.control.set_points import LastCommand, blend
+from foldcell.cell.control.ticks import TICK_S
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.model import RobotModel
+from foldcell.robots.ports import Array, GripperState, JointState, Ports, Side, TactileReading, arm_slice
+from foldcell.skills.grasping.hand_reading import GripCommand, HandReading
+from foldcell.skills.motion.kinematics.ik import tool_pose
+from foldcell.skills.motion.moves.grasp import Descent
+from foldcell.skills.vocabulary import Outcome, Table
 
 __all__ = ["Control", "Hands", "Telemetry", "commanding", "control_hands", "each_hand"]
 

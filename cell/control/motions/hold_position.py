@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from cell.control.loop import ControlLoop
-from cell.control.motion import Motion, SetPoint, Tick, Watch
-from cell.control.set_points import LastCommand, blend
-from cell.control.ticks import TICK_S
-from robots.errors import Failure
-from robots.ports import JointState
-from skills.vocabulary import Outcome
+from foldcell.cell.control.loop import ControlLoop
+from foldcell.cell.control.motion import Motion, SetPoint, Tick, Watch
+from foldcell.cell.control.set_points import LastCommand, blend
+from foldcell.cell.control.ticks import TICK_S
+from foldcell.robots.errors import Failure
+from foldcell.robots.ports import JointState
+from foldcell.skills.vocabulary import Outcome
 
 __all__ = ["stand", "wait"]
 

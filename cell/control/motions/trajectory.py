@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from cell.control.checks import SETTLE_S, SETTLED, start_mismatch
-from cell.control.loop import ControlLoop
-from cell.control.motion import Motion, Order, SetPoint, Tick, Watch
-from cell.control.path_clock import PathClock, PathControl
-from cell.control.set_points import blend
-from cell.control.ticks import TICK_S
-from robots.ports import ArmTrajectory, JointState
-from skills.vocabulary import Outcome
+from foldcell.cell.control.checks import SETTLE_S, SETTLED, start_mismatch
+from foldcell.cell.control.loop import ControlLoop
+from foldcell.cell.control.motion import Motion, Order, SetPoint, Tick, Watch
+from foldcell.cell.control.path_clock import PathClock, PathControl
+from foldcell.cell.control.set_points import blend
+from foldcell.cell.control.ticks import TICK_S
+from foldcell.robots.ports import ArmTrajectory, JointState
+from foldcell.skills.vocabulary import Outcome
 
 __all__ = ["follow", "stream"]
 

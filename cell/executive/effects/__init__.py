@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TypeVar
 
-from cell.executive.effects import (
+from foldcell.cell.executive.effects import (
     checking,
     folding,
     grasping,
@@ -22,14 +22,14 @@ from cell.executive.effects import (
     releasing,
     seeing,
 )  # fmt: skip
-from cell.executive.effects.recovery import deciding, estimating, laying, repairing, spreading
-from cell.executive.runner import EffectFunction
-from cell.hardware.workcell import Workcell
-from cell.states.run_context import Result, RunContext
-from cell.states.stages import Attempt, Plan
-from cell.states.transition_table import Effect, Event
-from robots.errors import InternalError
-from robots.ports import CameraFrame
+from foldcell.cell.executive.effects.recovery import deciding, estimating, laying, repairing, spreading
+from foldcell.cell.executive.runner import EffectFunction
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.states.run_context import Result, RunContext
+from foldcell.cell.states.stages import Attempt, Plan
+from foldcell.cell.states.transition_table import Effect, Event
+from foldcell.robots.errors import InternalError
+from foldcell.robots.ports import CameraFrame
 
 __all__ = ["EFFECTS"]
 

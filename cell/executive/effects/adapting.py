@@ -12,20 +12,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.identify import (
+from foldcell.calibration.identify import (
     SIGMA,
     FrictionEstimate,
     identify_friction,
     outline_residual,
     predict_candidates,
 )
-from cell.hardware.workcell import Workcell
-from cell.planning.fold_planning import simulated_paths
-from cell.states.stages import Attempt, Plan
-from robots.ports import Array
-from skills.garments.garment import Garment
-from skills.perception.inspection.inspect import Inspection
-from skills.perception.rectification.table_view import TableView
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.planning.fold_planning import simulated_paths
+from foldcell.cell.states.stages import Attempt, Plan
+from foldcell.robots.ports import Array
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.perception.inspection.inspect import Inspection
+from foldcell.skills.perception.rectification.table_view import TableView
 
 __all__ = ["adapt"]
 

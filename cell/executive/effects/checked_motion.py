@@ -7,15 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from cell.control.checks import SETTLED, fresh_state
-from cell.control.motion import Watch
-from cell.control.motions.trajectory import stream
-from cell.control.path_clock import PathControl
-from cell.hardware.workcell import Workcell
-from cell.states.run_context import RunContext
-from robots.errors import DriverError, Failure, FailureKind
-from robots.ports import ArmTrajectory
-from skills.motion.validation.trajectory_check import check_trajectory
+from foldcell.cell.control.checks import SETTLED, fresh_state
+from foldcell.cell.control.motion import Watch
+from foldcell.cell.control.motions.trajectory import stream
+from foldcell.cell.control.path_clock import PathControl
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.states.run_context import RunContext
+from foldcell.robots.errors import DriverError, Failure, FailureKind
+from foldcell.robots.ports import ArmTrajectory
+from foldcell.skills.motion.validation.trajectory_check import check_trajectory
 
 __all__ = ["as_failure", "move", "pausable", "unpausable", "with_waiting_time"]
 

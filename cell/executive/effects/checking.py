@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from cell.control.ticks import TICK_S
-from cell.executive.effects.moving import approach
-from cell.executive.effects.seeing import PICTURE_AGE, take_picture
-from cell.hardware.workcell import Workcell
-from cell.states.run_context import Result, RunContext, effect
-from cell.states.stages import Attempt
-from cell.states.transition_table import Event
-from robots.errors import DriverError, Failure, FailureKind
-from robots.ports import CameraFrame
-from skills.perception.camera_fault import repeated
-from skills.perception.inspection.result import MAX_PILED_AREA
-from skills.perception.monitoring.garment_motion import GarmentMotion, displaced_boundary, measure_motion
-from skills.perception.views import open_views
-from skills.vocabulary import Outcome
+from foldcell.cell.control.ticks import TICK_S
+from foldcell.cell.executive.effects.moving import approach
+from foldcell.cell.executive.effects.seeing import PICTURE_AGE, take_picture
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.states.run_context import Result, RunContext, effect
+from foldcell.cell.states.stages import Attempt
+from foldcell.cell.states.transition_table import Event
+from foldcell.robots.errors import DriverError, Failure, FailureKind
+from foldcell.robots.ports import CameraFrame
+from foldcell.skills.perception.camera_fault import repeated
+from foldcell.skills.perception.inspection.result import MAX_PILED_AREA
+from foldcell.skills.perception.monitoring.garment_motion import GarmentMotion, displaced_boundary, measure_motion
+from foldcell.skills.perception.views import open_views
+from foldcell.skills.vocabulary import Outcome
 
 __all__ = ["approach_watched", "check_place"]
 

@@ -4,27 +4,27 @@ from __future__ import annotations
 
 import numpy as np
 
-from cell.executive.effects.grasping import LEARNED_ERROR
-from cell.hardware.workcell import Workcell
-from cell.states.run_context import RunContext
-from cell.states.stages import Attempt, FoldNote, Plan
-from robots.errors import Failure, FailureKind
-from skills.fold_plan.folding import folded_creases, target_vertices
-from skills.perception.inspection.claim import Claim
-from skills.perception.inspection.claiming import Layers, SeenFolds, claim_fold, displacement_of
-from skills.perception.inspection.diagnosis import lasting_defect
-from skills.perception.inspection.height_expectation import (
+from foldcell.cell.executive.effects.grasping import LEARNED_ERROR
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.states.run_context import RunContext
+from foldcell.cell.states.stages import Attempt, FoldNote, Plan
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.skills.fold_plan.folding import folded_creases, target_vertices
+from foldcell.skills.perception.inspection.claim import Claim
+from foldcell.skills.perception.inspection.claiming import Layers, SeenFolds, claim_fold, displacement_of
+from foldcell.skills.perception.inspection.diagnosis import lasting_defect
+from foldcell.skills.perception.inspection.height_expectation import (
     CameraBias,
     IdealHeights,
     Normal,
     rising,
     scaled_ideal_heights,
 )
-from skills.perception.inspection.inspect import Inspection
-from skills.perception.inspection.result import InspectionSettings
-from skills.perception.inspection.target_view import FoldTarget, TargetView
-from skills.perception.registration.alignment import align
-from skills.vocabulary import PredictedShape, frozen
+from foldcell.skills.perception.inspection.inspect import Inspection
+from foldcell.skills.perception.inspection.result import InspectionSettings
+from foldcell.skills.perception.inspection.target_view import FoldTarget, TargetView
+from foldcell.skills.perception.registration.alignment import align
+from foldcell.skills.vocabulary import PredictedShape, frozen
 
 __all__ = ["claim_failure", "fold_target", "make_claim"]
 

@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
-from cell.states.fold_context import FoldContext
-from cell.states.plan_edit import PlanEdit, with_edit
-from cell.states.recovery_table import Adjustment
-from cell.states.run_context import RunContext
-from robots.ports import frozen
-from skills.fold_plan.folding import silhouette
-from skills.vocabulary import FoldStep, GarmentState
+from foldcell.cell.states.fold_context import FoldContext
+from foldcell.cell.states.plan_edit import PlanEdit, with_edit
+from foldcell.cell.states.recovery_table import Adjustment
+from foldcell.cell.states.run_context import RunContext
+from foldcell.robots.ports import frozen
+from foldcell.skills.fold_plan.folding import silhouette
+from foldcell.skills.vocabulary import FoldStep, GarmentState
 
 __all__ = [
     "edited_state",

@@ -6,19 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from cell.control.motion import Tick, Watch
-from cell.control.motions.trajectory import stream
-from cell.executive.effects.checked_motion import as_failure, pausable, with_waiting_time
-from cell.hardware.workcell import Workcell
-from cell.states.fold_context import FoldContext
-from cell.states.run_context import Result, RunContext, effect
-from cell.states.stages import Attempt
-from cell.states.transition_table import Event
-from robots.errors import DriverError, Failure, FailureKind
-from robots.ports import Array, CameraFrame
-from skills.grasping.slip import start_slip_watch, watch_slip
-from skills.motion.moves.arc import plan_arc
-from skills.vocabulary import CameraCalibration, Outcome
+from foldcell.cell.control.motion import Tick, Watch
+from foldcell.cell.control.motions.trajectory import stream
+from foldcell.cell.executive.effects.checked_motion import as_failure, pausable, with_waiting_time
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.states.fold_context import FoldContext
+from foldcell.cell.states.run_context import Result, RunContext, effect
+from foldcell.cell.states.stages import Attempt
+from foldcell.cell.states.transition_table import Event
+from foldcell.robots.errors import DriverError, Failure, FailureKind
+from foldcell.robots.ports import Array, CameraFrame
+from foldcell.skills.grasping.slip import start_slip_watch, watch_slip
+from foldcell.skills.motion.moves.arc import plan_arc
+from foldcell.skills.vocabulary import CameraCalibration, Outcome
 
 __all__ = ["fold"]
 

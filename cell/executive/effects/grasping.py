@@ -8,32 +8,32 @@ from functools import partial
 
 import numpy as np
 
-from cell.control.motion import Motion
-from cell.control.motions.guarded_motions import (
+from foldcell.cell.control.motion import Motion
+from foldcell.cell.control.motions.guarded_motions import (
     FingertipForceMonitor,
     GuardedHand,
     Lowering,
     guarded_descent,
     push_down,
 )
-from cell.control.motions.hands import commanding, each_hand
-from cell.hardware.workcell import Workcell
-from cell.states.fold_context import FoldContext
-from cell.states.recovery_table import Adjustment
-from cell.states.run_context import Result, RunContext, effect
-from cell.states.stages import Attempt, Plan
-from cell.states.transition_table import Event
-from robots.errors import Failure
-from robots.ports import JointState, Side
-from skills.garments.garment import Garment
-from skills.grasping.close import close, start_close
-from skills.grasping.confirm import Expectation, Held, confirm, start_confirm
-from skills.grasping.descend import Contact, DescentGoal, start_descent, yielding
-from skills.grasping.settings import GraspSettings
-from skills.grasping.standing import lower_tip, standing_height, to_stand_at
-from skills.grasping.tare import TactileBias, start_tare, tare
-from skills.motion.kinematics.posture import Posture
-from skills.vocabulary import Grasp, Outcome
+from foldcell.cell.control.motions.hands import commanding, each_hand
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.states.fold_context import FoldContext
+from foldcell.cell.states.recovery_table import Adjustment
+from foldcell.cell.states.run_context import Result, RunContext, effect
+from foldcell.cell.states.stages import Attempt, Plan
+from foldcell.cell.states.transition_table import Event
+from foldcell.robots.errors import Failure
+from foldcell.robots.ports import JointState, Side
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.grasping.close import close, start_close
+from foldcell.skills.grasping.confirm import Expectation, Held, confirm, start_confirm
+from foldcell.skills.grasping.descend import Contact, DescentGoal, start_descent, yielding
+from foldcell.skills.grasping.settings import GraspSettings
+from foldcell.skills.grasping.standing import lower_tip, standing_height, to_stand_at
+from foldcell.skills.grasping.tare import TactileBias, start_tare, tare
+from foldcell.skills.motion.kinematics.posture import Posture
+from foldcell.skills.vocabulary import Grasp, Outcome
 
 __all__ = ["grasp"]
 

@@ -6,24 +6,29 @@ from dataclasses import replace
 
 import numpy as np
 
-from cell.executive.effects.adapting import adapt
-from cell.executive.effects.claiming import claim_failure, fold_target, make_claim
-from cell.executive.effects.pressing import plan_pressing
-from cell.executive.effects.recovery.estimating import note_estimate
-from cell.hardware.workcell import Workcell
-from cell.states.fold_context import FoldContext
-from cell.states.run_context import Result, RunContext, effect
-from cell.states.stages import Attempt, Plan, with_drift
-from cell.states.transition_table import Event
-from robots.errors import Failure, FailureKind
-from robots.ports import CameraFrame
-from skills.perception.inspection.claim import Claim, claim_to_dict
-from skills.perception.inspection.diagnosis import beyond_limits, diagnose, diagnosed_by_height, outline_matches
-from skills.perception.inspection.inspect import Inspection, InspectionSettings, inspect
-from skills.perception.inspection.target_view import FoldTarget
-from skills.perception.registration.alignment import edge_deviation
-from skills.state_estimate.hypothesis import FoldState
-from skills.vocabulary import FoldStep, Outcome, PredictedShape
+from foldcell.cell.executive.effects.adapting import adapt
+from foldcell.cell.executive.effects.claiming import claim_failure, fold_target, make_claim
+from foldcell.cell.executive.effects.pressing import plan_pressing
+from foldcell.cell.executive.effects.recovery.estimating import note_estimate
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.states.fold_context import FoldContext
+from foldcell.cell.states.run_context import Result, RunContext, effect
+from foldcell.cell.states.stages import Attempt, Plan, with_drift
+from foldcell.cell.states.transition_table import Event
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.ports import CameraFrame
+from foldcell.skills.perception.inspection.claim import Claim, claim_to_dict
+from foldcell.skills.perception.inspection.diagnosis import (
+    beyond_limits,
+    diagnose,
+    diagnosed_by_height,
+    outline_matches,
+)
+from foldcell.skills.perception.inspection.inspect import Inspection, InspectionSettings, inspect
+from foldcell.skills.perception.inspection.target_view import FoldTarget
+from foldcell.skills.perception.registration.alignment import edge_deviation
+from foldcell.skills.state_estimate.hypothesis import FoldState
+from foldcell.skills.vocabulary import FoldStep, Outcome, PredictedShape
 
 __all__ = ["find_folded", "inspect_fold", "judge_fold", "judged_as_before", "next_step"]
 

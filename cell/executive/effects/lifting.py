@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from cell.control.motions.hands import each_hand
-from cell.executive.effects.checked_motion import as_failure, move, pausable, with_waiting_time
-from cell.hardware.workcell import Workcell
-from cell.states.run_context import Result, RunContext, effect
-from cell.states.transition_table import Event
-from skills.grasping.confirm import check_lift, start_lift_check
-from skills.motion.moves.lift import plan_lift
+from foldcell.cell.control.motions.hands import each_hand
+from foldcell.cell.executive.effects.checked_motion import as_failure, move, pausable, with_waiting_time
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.states.run_context import Result, RunContext, effect
+from foldcell.cell.states.transition_table import Event
+from foldcell.skills.grasping.confirm import check_lift, start_lift_check
+from foldcell.skills.motion.moves.lift import plan_lift
 
 __all__ = ["lift"]
 

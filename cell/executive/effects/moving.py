@@ -5,21 +5,27 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from cell.control.checks import hold, stopped
-from cell.control.motions.hold_position import wait
-from cell.control.rest import await_rest, stand_by
-from cell.executive.effects.checked_motion import as_failure, move, pausable, unpausable, with_waiting_time
-from cell.executive.effects.recovery.freeing import leave_freely
-from cell.executive.effects.recovery.parking import calibrated, let_go_and_park, open_hands, park
-from cell.executive.effects.recovery.ways_out import CLEARING_DWELL_S, PREPARING_DWELLS_S, plan_rise
-from cell.hardware.workcell import Workcell
-from cell.states.recovery_table import transient
-from cell.states.run_context import Result, RunContext, effect
-from cell.states.stages import Attempt
-from cell.states.transition_table import Event
-from robots.errors import DriverError, Failure, FailureKind
-from skills.grasping.hand_reading import GripCommand
-from skills.grasping.release import RELEASE_FORCE
+from foldcell.cell.control.checks import hold, stopped
+from foldcell.cell.control.motions.hold_position import wait
+from foldcell.cell.control.rest import await_rest, stand_by
+from foldcell.cell.executive.effects.checked_motion import (
+    as_failure,
+    move,
+    pausable,
+    unpausable,
+    with_waiting_time,
+)
+from foldcell.cell.executive.effects.recovery.freeing import leave_freely
+from foldcell.cell.executive.effects.recovery.parking import calibrated, let_go_and_park, open_hands, park
+from foldcell.cell.executive.effects.recovery.ways_out import CLEARING_DWELL_S, PREPARING_DWELLS_S, plan_rise
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.states.recovery_table import transient
+from foldcell.cell.states.run_context import Result, RunContext, effect
+from foldcell.cell.states.stages import Attempt
+from foldcell.cell.states.transition_table import Event
+from foldcell.robots.errors import DriverError, Failure, FailureKind
+from foldcell.skills.grasping.hand_reading import GripCommand
+from foldcell.skills.grasping.release import RELEASE_FORCE
 
 __all__ = ["approach", "clear", "clear_again", "hold_still", "make_safe", "prepare", "reenter", "retreat"]
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from cell.control.checks import fresh_state, stopped
-from cell.executive.effects.editing import edited_state, edited_step, edited_variant
-from cell.hardware.workcell import Workcell
-from cell.planning.fold_planning import (
+from foldcell.cell.control.checks import fresh_state, stopped
+from foldcell.cell.executive.effects.editing import edited_state, edited_step, edited_variant
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.planning.fold_planning import (
     PREDICTED_FRAMES,
     plan_arms,
     predict_motion,
@@ -21,28 +21,36 @@ from cell.planning.fold_planning import (
     stored_trajectory,
     tool_speed,
 )
-from cell.states.fold_context import FoldContext
-from cell.states.recovery_table import Adjustment
-from cell.states.run_context import Result, RunContext, effect
-from cell.states.stages import Attempt, Plan, Recognition, Spread
-from cell.states.transition_table import Event
-from robots.errors import DriverError, StorageError
-from robots.ports import Array, frozen
-from skills.cloth.pinch import Patch
-from skills.fold_plan.crease_mesh import predictor_mesh
-from skills.fold_plan.folding import target_vertices
-from skills.fold_plan.plan import plan_folds
-from skills.fold_plan.repair import RepairGoal
-from skills.garments.garment import Garment
-from skills.motion.moves.fold import FoldMotion
-from skills.trajectory.arcs.bezier import evaluate
-from skills.trajectory.arcs.paths import tool_paths
-from skills.trajectory.arcs.repair_arcs import turned_paths
-from skills.trajectory.search.acceptance import acceptance_limit, judge_prediction
-from skills.trajectory.search.objective import dissimilarity
-from skills.trajectory.search.optimise import ClothPredictor
-from skills.trajectory.search.problem import Candidate, Predictor
-from skills.vocabulary import FoldStep, GraspId, GraspTrajectory, Material, Outcome, PredictedShape, ToolPath
+from foldcell.cell.states.fold_context import FoldContext
+from foldcell.cell.states.recovery_table import Adjustment
+from foldcell.cell.states.run_context import Result, RunContext, effect
+from foldcell.cell.states.stages import Attempt, Plan, Recognition, Spread
+from foldcell.cell.states.transition_table import Event
+from foldcell.robots.errors import DriverError, StorageError
+from foldcell.robots.ports import Array, frozen
+from foldcell.skills.cloth.pinch import Patch
+from foldcell.skills.fold_plan.crease_mesh import predictor_mesh
+from foldcell.skills.fold_plan.folding import target_vertices
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.fold_plan.repair import RepairGoal
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.motion.moves.fold import FoldMotion
+from foldcell.skills.trajectory.arcs.bezier import evaluate
+from foldcell.skills.trajectory.arcs.paths import tool_paths
+from foldcell.skills.trajectory.arcs.repair_arcs import turned_paths
+from foldcell.skills.trajectory.search.acceptance import acceptance_limit, judge_prediction
+from foldcell.skills.trajectory.search.objective import dissimilarity
+from foldcell.skills.trajectory.search.optimise import ClothPredictor
+from foldcell.skills.trajectory.search.problem import Candidate, Predictor
+from foldcell.skills.vocabulary import (
+    FoldStep,
+    GraspId,
+    GraspTrajectory,
+    Material,
+    Outcome,
+    PredictedShape,
+    ToolPath,
+)
 
 __all__ = ["choose_trajectory", "plan_motion", "plan_steps"]
 

@@ -7,28 +7,28 @@ from dataclasses import replace
 
 import numpy as np
 
-from cell.control.motion import Tick
-from cell.control.motions.guarded_motions import FingertipForceMonitor
-from cell.control.motions.hands import each_hand
-from cell.control.motions.trajectory import stream
-from cell.executive.effects.checked_motion import move, pausable, with_waiting_time
-from cell.hardware.workcell import Workcell
-from cell.states.run_context import Result, RunContext, effect
-from cell.states.stages import Attempt, Plan, PressPlan
-from cell.states.transition_table import Event
-from robots.errors import Failure, FailureKind
-from robots.ports import Array, Side
-from skills.fold_plan.folding import layers_at, outline_of, target_vertices
-from skills.fold_plan.pressing import OPENING, Dab, crease_dabs, press_paths, within_reach, within_time
-from skills.grasping.hand_reading import GripCommand
-from skills.grasping.release import RELEASE_FORCE
-from skills.grasping.tare import TactileBias, start_tare, tare
-from skills.motion.moves.arc import plan_arc
-from skills.motion.moves.fold import FoldMotion, plan_hands_motion
-from skills.perception.inspection.diagnosis import lasting_defect
-from skills.perception.inspection.high_places import find_high_places
-from skills.perception.inspection.inspect import Inspection
-from skills.vocabulary import FoldLine, FoldStep, GraspId, Outcome, PredictedShape, ToolPath
+from foldcell.cell.control.motion import Tick
+from foldcell.cell.control.motions.guarded_motions import FingertipForceMonitor
+from foldcell.cell.control.motions.hands import each_hand
+from foldcell.cell.control.motions.trajectory import stream
+from foldcell.cell.executive.effects.checked_motion import move, pausable, with_waiting_time
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.states.run_context import Result, RunContext, effect
+from foldcell.cell.states.stages import Attempt, Plan, PressPlan
+from foldcell.cell.states.transition_table import Event
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.ports import Array, Side
+from foldcell.skills.fold_plan.folding import layers_at, outline_of, target_vertices
+from foldcell.skills.fold_plan.pressing import OPENING, Dab, crease_dabs, press_paths, within_reach, within_time
+from foldcell.skills.grasping.hand_reading import GripCommand
+from foldcell.skills.grasping.release import RELEASE_FORCE
+from foldcell.skills.grasping.tare import TactileBias, start_tare, tare
+from foldcell.skills.motion.moves.arc import plan_arc
+from foldcell.skills.motion.moves.fold import FoldMotion, plan_hands_motion
+from foldcell.skills.perception.inspection.diagnosis import lasting_defect
+from foldcell.skills.perception.inspection.high_places import find_high_places
+from foldcell.skills.perception.inspection.inspect import Inspection
+from foldcell.skills.vocabulary import FoldLine, FoldStep, GraspId, Outcome, PredictedShape, ToolPath
 
 __all__ = ["plan_pressing", "press"]
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from cell.control.motions.hands import commanding, each_hand
-from cell.executive.effects.recovery.parking import RELEASE_OPENING
-from cell.hardware.workcell import Workcell
-from cell.states.run_context import Result, RunContext, effect
-from cell.states.stages import Attempt
-from cell.states.transition_table import Event
-from skills.grasping.release import release, start_release
+from foldcell.cell.control.motions.hands import commanding, each_hand
+from foldcell.cell.executive.effects.recovery.parking import RELEASE_OPENING
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.states.run_context import Result, RunContext, effect
+from foldcell.cell.states.stages import Attempt
+from foldcell.cell.states.transition_table import Event
+from foldcell.skills.grasping.release import release, start_release
 
 __all__ = ["release_garment"]
 

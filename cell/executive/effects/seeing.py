@@ -4,24 +4,24 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from cell.control.checks import fresh_state
-from cell.executive.effects.inspecting import find_folded
-from cell.executive.effects.recovery.spreading import lies_elsewhere, not_spread, spreadable
-from cell.hardware.workcell import Workcell
-from cell.states.run_context import Result, RunContext, Sight, effect
-from cell.states.stages import FirstLook, Recognition, Spread
-from cell.states.transition_table import Event
-from robots.errors import Failure, FailureKind
-from robots.ports import CameraFrame
-from skills.perception.camera_fault import camera_fault, picture_digests, repeated
-from skills.perception.drawing import draw_on_camera
-from skills.perception.inspection.height_expectation import estimate_camera_bias
-from skills.perception.perceive import Perception, perceive
-from skills.perception.rectification.camera_refinement import refine_calibration, tilted_table
-from skills.perception.rectification.table_view import TableView
-from skills.perception.segmentation.obstruction import obstructed
-from skills.perception.settings import VIEW_PIXEL
-from skills.vocabulary import CameraCalibration, Outcome
+from foldcell.cell.control.checks import fresh_state
+from foldcell.cell.executive.effects.inspecting import find_folded
+from foldcell.cell.executive.effects.recovery.spreading import lies_elsewhere, not_spread, spreadable
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.states.run_context import Result, RunContext, Sight, effect
+from foldcell.cell.states.stages import FirstLook, Recognition, Spread
+from foldcell.cell.states.transition_table import Event
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.ports import CameraFrame
+from foldcell.skills.perception.camera_fault import camera_fault, picture_digests, repeated
+from foldcell.skills.perception.drawing import draw_on_camera
+from foldcell.skills.perception.inspection.height_expectation import estimate_camera_bias
+from foldcell.skills.perception.perceive import Perception, perceive
+from foldcell.skills.perception.rectification.camera_refinement import refine_calibration, tilted_table
+from foldcell.skills.perception.rectification.table_view import TableView
+from foldcell.skills.perception.segmentation.obstruction import obstructed
+from foldcell.skills.perception.settings import VIEW_PIXEL
+from foldcell.skills.vocabulary import CameraCalibration, Outcome
 
 __all__ = ["await_garment", "capture", "look", "photograph_table", "recognise", "take_picture"]
 

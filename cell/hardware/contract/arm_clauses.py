@@ -9,12 +9,12 @@ from functools import partial
 
 import numpy as np
 
-from cell.control.motion import Tick
-from cell.control.ticks import TICK_S
-from cell.hardware.contract.rig import REASON, Rig, UnprovenError, require
-from robots.errors import FailureKind
-from robots.ports import Array, JointState
-from robots.setpoint import JUMP_TIME
+from foldcell.cell.control.motion import Tick
+from foldcell.cell.control.ticks import TICK_S
+from foldcell.cell.hardware.contract.rig import REASON, Rig, UnprovenError, require
+from foldcell.robots.errors import FailureKind
+from foldcell.robots.ports import Array, JointState
+from foldcell.robots.setpoint import JUMP_TIME
 
 __all__ = [
     "clipping", "hold", "joint_order", "reconnect", "refusals", "stale_state", "stop_at_rest", "stop_in_motion",

@@ -7,12 +7,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
-from cell.hardware.contract import arm_clauses as arms
-from cell.hardware.contract import device_clauses as devices
-from cell.hardware.contract import reading_clauses as readings
-from cell.hardware.contract.result import Result, judged
-from cell.hardware.contract.rig import REASON, Rig
-from robots.errors import CellError, ConfigurationError
+from foldcell.cell.hardware.contract import arm_clauses as arms
+from foldcell.cell.hardware.contract import device_clauses as devices
+from foldcell.cell.hardware.contract import reading_clauses as readings
+from foldcell.cell.hardware.contract.result import Result, judged
+from foldcell.cell.hardware.contract.rig import REASON, Rig
+from foldcell.robots.errors import CellError, ConfigurationError
 
 __all__ = ["CLAUSES", "Clause", "ClauseResult", "check_driver"]
 
@@ -91,7 +91,7 @@ CLAUSES: Sequence[Clause] = (
     Clause(
         "clipping",
         "a set-point too far away is clipped to one step; what is returned is what was sent",
-        "use robots.setpoint.clip_setpoint and return its result",
+        "use foldcell.robots.setpoint.clip_setpoint and return its result",
         arms.clipping,
         "both wrists, by one step",
         powered=True,

@@ -7,9 +7,9 @@ from functools import partial
 
 import numpy as np
 
-from cell.hardware.contract.rig import Rig, require
-from robots.errors import FailureKind
-from robots.ports import Array, CameraFrame, Gripper
+from foldcell.cell.hardware.contract.rig import Rig, require
+from foldcell.robots.errors import FailureKind
+from foldcell.robots.ports import Array, CameraFrame, Gripper
 
 __all__ = ["camera", "depth", "gripper", "gripper_refusals", "head"]
 

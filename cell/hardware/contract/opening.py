@@ -7,18 +7,18 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from typing import NoReturn
 
-from cell.config.cell_settings import CellSettings
-from cell.hardware.camera import camera_calibration
-from cell.hardware.contract.rig import Rig
-from cell.hardware.driver import OpenCell, opened_cell, simulation_settings
-from cell.hardware.driver_names import DRIVERS
-from cell.hardware.robot_model import load_robot
-from cell.simulation import Fault, FaultKind
-from robots.errors import ConfigurationError
-from robots.model import JointLimits
-from robots.ports import BoardPlace, Ports
-from robots.registry import find_robot
-from skills.motion.validation.collision import CollisionChecker
+from foldcell.cell.config.cell_settings import CellSettings
+from foldcell.cell.hardware.camera import camera_calibration
+from foldcell.cell.hardware.contract.rig import Rig
+from foldcell.cell.hardware.driver import OpenCell, opened_cell, simulation_settings
+from foldcell.cell.hardware.driver_names import DRIVERS
+from foldcell.cell.hardware.robot_model import load_robot
+from foldcell.cell.simulation import Fault, FaultKind
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.model import JointLimits
+from foldcell.robots.ports import BoardPlace, Ports
+from foldcell.robots.registry import find_robot
+from foldcell.skills.motion.validation.collision import CollisionChecker
 
 __all__ = ["Factory", "opened_rig", "rig_of"]
 

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from cell.hardware.contract.rig import Rig, require
-from robots.ports import Side
+from foldcell.cell.hardware.contract.rig import Rig, require
+from foldcell.robots.ports import Side
 
 __all__ = ["shapes", "stamps", "units"]
 

@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic, Protocol, TypeVar
 
-from cell.hardware.contract.rig import BrokenError, UnprovenError
-from cell.support.junit import JUnitCase
-from robots.errors import CellError, StorageError
+from foldcell.cell.hardware.contract.rig import BrokenError, UnprovenError
+from foldcell.cell.support.junit import JUnitCase
+from foldcell.robots.errors import CellError, StorageError
 
 __all__ = ["Result", "judged"]
 

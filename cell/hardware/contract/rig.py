@@ -7,21 +7,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cell.control.checks import ExecutionLimits, followed
-from cell.control.loop import ControlLoop
-from cell.control.motion import Watch
-from cell.control.motions.trajectory import stream
-from cell.control.path_clock import PathControl
-from cell.control.rest import await_rest
-from cell.control.set_points import LastCommand
-from cell.control.ticks import TICK_S
-from robots.errors import DriverError, FailureKind
-from robots.model import RobotModel
-from robots.ports import ArmTrajectory, Array, JointState, Ports
-from skills.motion.moves.free_motion import plan_free_motion
-from skills.motion.validation.collision import CollisionChecker
-from skills.motion.validation.trajectory_check import check_trajectory
-from skills.vocabulary import CameraCalibration, Table
+from foldcell.cell.control.checks import ExecutionLimits, followed
+from foldcell.cell.control.loop import ControlLoop
+from foldcell.cell.control.motion import Watch
+from foldcell.cell.control.motions.trajectory import stream
+from foldcell.cell.control.path_clock import PathControl
+from foldcell.cell.control.rest import await_rest
+from foldcell.cell.control.set_points import LastCommand
+from foldcell.cell.control.ticks import TICK_S
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.model import RobotModel
+from foldcell.robots.ports import ArmTrajectory, Array, JointState, Ports
+from foldcell.skills.motion.moves.free_motion import plan_free_motion
+from foldcell.skills.motion.validation.collision import CollisionChecker
+from foldcell.skills.motion.validation.trajectory_check import check_trajectory
+from foldcell.skills.vocabulary import CameraCalibration, Table
 
 __all__ = ["REASON", "BrokenError", "Rig", "UnprovenError", "require"]
 

@@ -18,21 +18,31 @@ from typing import Any
 
 import numpy as np
 
-from cell.operator.console.messages import PlanChange
-from cell.operator.console.plan_changes import offered_changes, plan_edit
-from cell.report.camera_pictures.live_picture import draw_live
-from cell.report.camera_pictures.projected_drawing import jpeg_file
-from cell.report.camera_pictures.question_picture import QUESTIONS
-from cell.simulation import Display
-from cell.states.observers import Step
-from cell.states.plan_edit import PlanEdit
-from cell.states.run_context import Result, RunContext
-from cell.states.transition_table import State
-from cell.support.forwarding import forwarding
-from cell.view.bounded_worker import BoundedWorker
-from robots.errors import DriverError
-from robots.ports import Array, CameraFrame, Clock, JointSetpoint, Ports, Side, StopState, Tactile, TactileReading
-from skills.vocabulary import CameraCalibration
+from foldcell.cell.operator.console.messages import PlanChange
+from foldcell.cell.operator.console.plan_changes import offered_changes, plan_edit
+from foldcell.cell.report.camera_pictures.live_picture import draw_live
+from foldcell.cell.report.camera_pictures.projected_drawing import jpeg_file
+from foldcell.cell.report.camera_pictures.question_picture import QUESTIONS
+from foldcell.cell.simulation import Display
+from foldcell.cell.states.observers import Step
+from foldcell.cell.states.plan_edit import PlanEdit
+from foldcell.cell.states.run_context import Result, RunContext
+from foldcell.cell.states.transition_table import State
+from foldcell.cell.support.forwarding import forwarding
+from foldcell.cell.view.bounded_worker import BoundedWorker
+from foldcell.robots.errors import DriverError
+from foldcell.robots.ports import (
+    Array,
+    CameraFrame,
+    Clock,
+    JointSetpoint,
+    Ports,
+    Side,
+    StopState,
+    Tactile,
+    TactileReading,
+)
+from foldcell.skills.vocabulary import CameraCalibration
 
 __all__ = ["LiveView"]
 

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from cell.operator.console.messages import PlanChange
-from cell.report.camera_pictures.picture_places import on_picture, on_table
-from cell.states.plan_edit import PlanEdit
-from cell.states.run_context import RunContext
-from skills.vocabulary import CameraCalibration, GraspId
+from foldcell.cell.operator.console.messages import PlanChange
+from foldcell.cell.report.camera_pictures.picture_places import on_picture, on_table
+from foldcell.cell.states.plan_edit import PlanEdit
+from foldcell.cell.states.run_context import RunContext
+from foldcell.skills.vocabulary import CameraCalibration, GraspId
 
 __all__ = ["offered_changes", "plan_edit"]
 

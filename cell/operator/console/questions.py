@@ -6,11 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from cell.record.words import capital, length, plain, sentences
-from cell.states.run_context import RunContext
-from cell.states.stages import Attempt, Plan, Repair, Spread
-from cell.states.transition_table import Event, State
-from skills.motion.validation.collision import BODY_MARGIN, TABLE_MARGIN
+from foldcell.cell.record.words import capital, length, plain, sentences
+from foldcell.cell.states.run_context import RunContext
+from foldcell.cell.states.stages import Attempt, Plan, Repair, Spread
+from foldcell.cell.states.transition_table import Event, State
+from foldcell.skills.motion.validation.collision import BODY_MARGIN, TABLE_MARGIN
 
 __all__ = ["RECOGNISED", "consequences", "plan_facts", "question"]
 

@@ -13,17 +13,17 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from cell.executive.machine import complete_table
-from cell.journal.checkpoint_file import has_checkpoint
-from cell.operator.console.questions import RECOGNISED, consequences, plan_facts, question
-from cell.record.run_record import RunRecord
-from cell.record.run_record_builder import RunRecordBuilder
-from cell.record.words import COMMANDS, capital, claim_in_words, garment_name, plain
-from cell.states.commands import ANSWERS, OPERATOR_EVENTS
-from cell.states.observers import Step
-from cell.states.run_context import Result, RunContext
-from cell.states.transition_table import TERMINAL, Event, State
-from cell.support.files.paths import command_for
+from foldcell.cell.executive.machine import complete_table
+from foldcell.cell.journal.checkpoint_file import has_checkpoint
+from foldcell.cell.operator.console.questions import RECOGNISED, consequences, plan_facts, question
+from foldcell.cell.record.run_record import RunRecord
+from foldcell.cell.record.run_record_builder import RunRecordBuilder
+from foldcell.cell.record.words import COMMANDS, capital, claim_in_words, garment_name, plain
+from foldcell.cell.states.commands import ANSWERS, OPERATOR_EVENTS
+from foldcell.cell.states.observers import Step
+from foldcell.cell.states.run_context import Result, RunContext
+from foldcell.cell.states.transition_table import TERMINAL, Event, State
+from foldcell.cell.support.files.paths import command_for
 
 __all__ = ["ORDER", "RunStatus"]
 

@@ -25,17 +25,17 @@ from starlette.responses import HTMLResponse, Response
 from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
-from cell.operator.console.live_view import LiveView
-from cell.operator.console.messages import ControlMessage, EditMessage, StopMessage, read_message
-from cell.operator.console.run_status import RunStatus
-from cell.operator.console.viewer_routes import ViewerSource, viewer_routes
-from cell.operator.local_server import origins, served
-from cell.states.commands import ANSWERS, CommandQueue
-from cell.states.state_chart import marked_chart
-from cell.states.transition_table import Event
-from cell.support.files.html_page import read_page
-from robots.errors import DriverError
-from robots.ports import Stop
+from foldcell.cell.operator.console.live_view import LiveView
+from foldcell.cell.operator.console.messages import ControlMessage, EditMessage, StopMessage, read_message
+from foldcell.cell.operator.console.run_status import RunStatus
+from foldcell.cell.operator.console.viewer_routes import ViewerSource, viewer_routes
+from foldcell.cell.operator.local_server import origins, served
+from foldcell.cell.states.commands import ANSWERS, CommandQueue
+from foldcell.cell.states.state_chart import marked_chart
+from foldcell.cell.states.transition_table import Event
+from foldcell.cell.support.files.html_page import read_page
+from foldcell.robots.errors import DriverError
+from foldcell.robots.ports import Stop
 
 __all__ = ["operators_page"]
 

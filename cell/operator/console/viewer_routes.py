@@ -16,9 +16,9 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, Response, StreamingResponse
 from starlette.routing import Route
 
-from cell.operator.local_server import content_policy
-from cell.view.viewing.web_viewer import web_viewer_files
-from robots.errors import StorageError
+from foldcell.cell.operator.local_server import content_policy
+from foldcell.cell.view.viewing.web_viewer import web_viewer_files
+from foldcell.robots.errors import StorageError
 
 __all__ = ["ViewerSource", "recorded_view", "viewer_routes"]
 

@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array
-from skills.fold_plan.folding import crease_segments
-from skills.fold_plan.plan import plan_folds
-from skills.garments.garment import Garment
-from skills.garments.key_point_check import KeyPointFinding, check_key_points
-from skills.garments.picture_measure import PictureMeasure, as_laid
-from skills.perception.family import best_members
-from skills.perception.outline import counter_clockwise, polygon_area
-from skills.perception.registration.energy import Boundary
-from skills.perception.registration.register import best_starts
+from foldcell.robots.ports import Array
+from foldcell.skills.fold_plan.folding import crease_segments
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.garments.key_point_check import KeyPointFinding, check_key_points
+from foldcell.skills.garments.picture_measure import PictureMeasure, as_laid
+from foldcell.skills.perception.family import best_members
+from foldcell.skills.perception.outline import counter_clockwise, polygon_area
+from foldcell.skills.perception.registration.energy import Boundary
+from foldcell.skills.perception.registration.register import best_starts
 
 __all__ = ["KeyPointEdit", "template_over"]
 

@@ -21,13 +21,13 @@ from starlette.requests import Request
 from starlette.responses import HTMLResponse, JSONResponse, Response
 from starlette.routing import Route
 
-from cell.operator.key_points.editing import KeyPointEdit
-from cell.operator.local_server import origins, served
-from cell.report.camera_pictures.projected_drawing import jpeg_file
-from cell.support.files.html_page import read_page
-from cell.support.json_values import to_json
-from robots.errors import ConfigurationError, StorageError
-from robots.ports import Array
+from foldcell.cell.operator.key_points.editing import KeyPointEdit
+from foldcell.cell.operator.local_server import origins, served
+from foldcell.cell.report.camera_pictures.projected_drawing import jpeg_file
+from foldcell.cell.support.files.html_page import read_page
+from foldcell.cell.support.json_values import to_json
+from foldcell.robots.errors import ConfigurationError, StorageError
+from foldcell.robots.ports import Array
 
 __all__ = ["edit_key_points"]
 

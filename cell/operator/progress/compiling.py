@@ -10,13 +10,13 @@ from contextlib import contextmanager
 
 from numba.core.event import Event, Listener, install_listener
 
-from skills.compiled import WAITING
+from foldcell.skills.compiled import WAITING
 
 __all__ = ["report_compilation"]
 
 PARTS = {
-    "skills.cloth": "compiling the cloth simulation: once after an installation, about a minute",
-    "skills.motion": "compiling the arms' kinematics: once after an installation, some seconds",
+    "foldcell.skills.cloth": "compiling the cloth simulation: once after an installation, about a minute",
+    "foldcell.skills.motion": "compiling the arms' kinematics: once after an installation, some seconds",
 }
 """Message for each package with its subpackages. Code of other packages compiles in about a second."""
 WAITS = "another process compiles the same code, once after an installation: waiting for it, about a minute"
@@ -61,7 +61,7 @@ class _Listener(Listener):
         self._depth += 1
         waits = event.kind == WAITING
         module = event.data["module"] if waits else event.data["dispatcher"].py_func.__module__
-        package = ".".join(module.split(".")[:2])
+        package = ".".join(module.split(".")[:3])
         text = self._left.pop(WAITING if waits else package, None) if package in PARTS else None
         if text is not None:
             self._announced = True

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TextIO
 
-from cell.operator.progress.bar import ProgressBar
-from cell.record.words import plain
-from cell.states.observers import FAILING, Step
-from cell.states.run_context import Result
-from cell.states.stages import Repair, Spread
-from cell.states.transition_table import Event, State
+from foldcell.cell.operator.progress.bar import ProgressBar
+from foldcell.cell.record.words import plain
+from foldcell.cell.states.observers import FAILING, Step
+from foldcell.cell.states.run_context import Result
+from foldcell.cell.states.stages import Repair, Spread
+from foldcell.cell.states.transition_table import Event, State
 
 __all__ = ["ProgressLines"]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 
-from cell.operator.console.run_status import RunStatus
-from cell.operator.progress.lines import ProgressLines
+from foldcell.cell.operator.console.run_status import RunStatus
+from foldcell.cell.operator.progress.lines import ProgressLines
 
 __all__ = ["Notifier", "say"]
 

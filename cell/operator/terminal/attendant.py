@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from cell.states.commands import ABORTED, CommandQueue
-from cell.states.transition_table import Event
-from robots.errors import DriverError, FailureKind
-from robots.ports import BoardPlace, Clock, Stop
+from foldcell.cell.states.commands import ABORTED, CommandQueue
+from foldcell.cell.states.transition_table import Event
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.ports import BoardPlace, Clock, Stop
 
 __all__ = ["PersonAttendant"]
 

@@ -12,10 +12,10 @@ from threading import Lock, Thread
 from typing import ClassVar, TextIO
 from weakref import WeakKeyDictionary
 
-from cell.record.words import COMMANDS
-from cell.states.commands import OPERATOR_EVENTS, CommandQueue
-from cell.states.transition_table import Event
-from robots.errors import ConfigurationError
+from foldcell.cell.record.words import COMMANDS
+from foldcell.cell.states.commands import OPERATOR_EVENTS, CommandQueue
+from foldcell.cell.states.transition_table import Event
+from foldcell.robots.errors import ConfigurationError
 
 __all__ = ["KEYS", "TerminalOperator", "check_terminal", "in_foreground"]
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from cell.report.camera_pictures.projected_drawing import Picture, ProjectedDrawing
-from cell.report.camera_pictures.question_picture import ARCS, EXPECTED
-from cell.states.stages import Attempt
-from robots.ports import Array, CameraFrame
-from skills.fold_figures.outline import outline
-from skills.vocabulary import CameraCalibration
+from foldcell.cell.report.camera_pictures.projected_drawing import Picture, ProjectedDrawing
+from foldcell.cell.report.camera_pictures.question_picture import ARCS, EXPECTED
+from foldcell.cell.states.stages import Attempt
+from foldcell.robots.ports import Array, CameraFrame
+from foldcell.skills.fold_figures.outline import outline
+from foldcell.skills.vocabulary import CameraCalibration
 
 __all__ = ["draw_live"]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from robots.ports import Array
-from skills.vocabulary import CameraCalibration
+from foldcell.robots.ports import Array
+from foldcell.skills.vocabulary import CameraCalibration
 
 __all__ = ["on_picture", "on_table"]
 

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array, CameraFrame
-from skills.vocabulary import CameraCalibration
+from foldcell.robots.ports import Array, CameraFrame
+from foldcell.skills.vocabulary import CameraCalibration
 
 __all__ = ["Colour", "Picture", "ProjectedDrawing", "jpeg_file"]
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cell.report.camera_pictures.projected_drawing import jpeg_file
-from cell.report.camera_pictures.question_picture import QUESTIONS
-from cell.states.observers import Step
-from cell.states.run_context import Result, RunContext
-from cell.support.files.whole_file import write_whole
-from robots.errors import StorageError
-from skills.vocabulary import CameraCalibration
+from foldcell.cell.report.camera_pictures.projected_drawing import jpeg_file
+from foldcell.cell.report.camera_pictures.question_picture import QUESTIONS
+from foldcell.cell.states.observers import Step
+from foldcell.cell.states.run_context import Result, RunContext
+from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.robots.errors import StorageError
+from foldcell.skills.vocabulary import CameraCalibration
 
 __all__ = ["FOLDER", "QuestionFiles"]
 

@@ -7,14 +7,14 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from cell.report.camera_pictures.projected_drawing import Colour, Picture, ProjectedDrawing
-from cell.states.run_context import RunContext
-from cell.states.stages import Attempt, Plan, Spread
-from cell.states.transition_table import State
-from robots.ports import Array, CameraFrame, Side
-from skills.fold_figures.outline import outline
-from skills.fold_plan.folding import fold_xy
-from skills.vocabulary import CameraCalibration, PredictedShape
+from foldcell.cell.report.camera_pictures.projected_drawing import Colour, Picture, ProjectedDrawing
+from foldcell.cell.states.run_context import RunContext
+from foldcell.cell.states.stages import Attempt, Plan, Spread
+from foldcell.cell.states.transition_table import State
+from foldcell.robots.ports import Array, CameraFrame, Side
+from foldcell.skills.fold_figures.outline import outline
+from foldcell.skills.fold_plan.folding import fold_xy
+from foldcell.skills.vocabulary import CameraCalibration, PredictedShape
 
 __all__ = ["ARCS", "EXPECTED", "QUESTIONS", "draw_failure", "draw_plan", "draw_pressing", "present_outline"]
 

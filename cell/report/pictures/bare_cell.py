@@ -12,10 +12,10 @@ import pinocchio as pin
 import trimesh
 from numpy.typing import NDArray
 
-from cell.report.pictures.cloth_raster import vertex_normals
-from cell.report.pictures.mesh_raster import Canvas, Lens, Mesh, draw_mesh
-from robots.ports import Array
-from skills.vocabulary import Table
+from foldcell.cell.report.pictures.cloth_raster import vertex_normals
+from foldcell.cell.report.pictures.mesh_raster import Canvas, Lens, Mesh, draw_mesh
+from foldcell.robots.ports import Array
+from foldcell.skills.vocabulary import Table
 
 __all__ = ["RobotMesh", "Surroundings", "robot_mesh"]
 

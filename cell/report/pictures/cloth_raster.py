@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array
-from skills.compiled import cached
+from foldcell.robots.ports import Array
+from foldcell.skills.compiled import cached
 
 __all__ = ["Raster", "darken", "draw_cloth", "raster_cloth", "raster_shadow", "vertex_normals"]
 

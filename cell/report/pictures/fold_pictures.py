@@ -15,15 +15,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.report.pictures.cloth_raster import (
+from foldcell.cell.report.pictures.cloth_raster import (
     darken,
     draw_cloth,
     raster_cloth,
     raster_shadow,
     vertex_normals,
 )
-from robots.ports import Array, Side
-from skills.vocabulary import Table
+from foldcell.robots.ports import Array, Side
+from foldcell.skills.vocabulary import Table
 
 __all__ = [
     "AMBIENT", "CLOTH", "LIGHT", "TAPE", "ClothColours", "Colour", "KeyFrame", "Scenery", "View", "draw_frame",

@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.report.camera_pictures.projected_drawing import Picture, ProjectedDrawing
-from cell.report.pictures.fold_pictures import AMBIENT, CLOTH, LIGHT, TAPE, ClothColours, Colour
-from cell.states.run_context import RunContext
-from robots.ports import Array, CameraFrame
-from skills.vocabulary import CameraCalibration
+from foldcell.cell.report.camera_pictures.projected_drawing import Picture, ProjectedDrawing
+from foldcell.cell.report.pictures.fold_pictures import AMBIENT, CLOTH, LIGHT, TAPE, ClothColours, Colour
+from foldcell.cell.states.run_context import RunContext
+from foldcell.robots.ports import Array, CameraFrame
+from foldcell.skills.vocabulary import CameraCalibration
 
 __all__ = ["GarmentLook", "garment_look", "outlined", "seen_colours"]
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array
-from skills.compiled import cached
+from foldcell.robots.ports import Array
+from foldcell.skills.compiled import cached
 
 __all__ = ["Canvas", "Lens", "Mesh", "draw_mesh"]
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from markupsafe import Markup
 
-from robots.ports import Array
+from foldcell.robots.ports import Array
 
 __all__ = ["outline_drawing"]
 

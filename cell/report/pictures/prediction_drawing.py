@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.planning.plan_prediction import PredictedFold
-from cell.report.pictures.fold_pictures import KeyFrame, Scenery, draw_frame, join, motion_view
-from robots.ports import Array
-from skills.fold_figures.outline import outline
-from skills.vocabulary import Table
+from foldcell.cell.planning.plan_prediction import PredictedFold
+from foldcell.cell.report.pictures.fold_pictures import KeyFrame, Scenery, draw_frame, join, motion_view
+from foldcell.robots.ports import Array
+from foldcell.skills.fold_figures.outline import outline
+from foldcell.skills.vocabulary import Table
 
 __all__ = ["draw_predictions"]
 

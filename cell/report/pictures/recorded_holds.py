@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cell.states.stages import FoldNote
-from robots.ports import Array, Side
+from foldcell.cell.states.stages import FoldNote
+from foldcell.robots.ports import Array, Side
 
 __all__ = ["TrueFrame", "held_during", "holds", "spread"]
 

@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.record.words import plain
-from cell.report.pictures.fold_pictures import KeyFrame, Scenery, View, motion_view
-from cell.report.pictures.garment_look import GarmentLook, garment_look, outlined
-from cell.report.pictures.recorded_holds import TrueFrame, held_during, holds
-from cell.report.pictures.run_film import SIZE, DrawnHold, Still, draw_hold, film_file
-from cell.states.run_context import RunContext
-from cell.states.stages import FoldNote
-from robots.ports import Array, CameraFrame
-from skills.vocabulary import CameraCalibration, GraspTrajectory, Table
+from foldcell.cell.record.words import plain
+from foldcell.cell.report.pictures.fold_pictures import KeyFrame, Scenery, View, motion_view
+from foldcell.cell.report.pictures.garment_look import GarmentLook, garment_look, outlined
+from foldcell.cell.report.pictures.recorded_holds import TrueFrame, held_during, holds
+from foldcell.cell.report.pictures.run_film import SIZE, DrawnHold, Still, draw_hold, film_file
+from foldcell.cell.states.run_context import RunContext
+from foldcell.cell.states.stages import FoldNote
+from foldcell.robots.ports import Array, CameraFrame
+from foldcell.skills.vocabulary import CameraCalibration, GraspTrajectory, Table
 
 __all__ = ["RunDrawing", "draw_attempts", "film_note", "film_of_run", "run_drawing"]
 
@@ -107,7 +107,7 @@ def film_note(drawn: Mapping[str, DrawnHold]) -> str:
 
 
 def _arcs(trajectory: GraspTrajectory) -> list[Array]:
-    from skills.trajectory.arcs.bezier import evaluate
+    from foldcell.skills.trajectory.arcs.bezier import evaluate
 
     u = np.linspace(0.0, 1.0, 60)
     return [evaluate(c, u) for c in trajectory.control_points.values()]

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.report.pictures.film import FilmFrame, captioned, encode_film
-from cell.report.pictures.fold_pictures import KeyFrame, Scenery, View, fold_strip
-from cell.report.pictures.recorded_holds import TrueFrame, spread
+from foldcell.cell.report.pictures.film import FilmFrame, captioned, encode_film
+from foldcell.cell.report.pictures.fold_pictures import KeyFrame, Scenery, View, fold_strip
+from foldcell.cell.report.pictures.recorded_holds import TrueFrame, spread
 
 __all__ = ["SIZE", "DrawnHold", "Still", "draw_hold", "film_file"]
 

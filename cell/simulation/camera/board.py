@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.board import BOARD
-from cell.simulation.noise import BoardNoise, BuildNoise
-from robots.ports import Array, BoardPlace, Intrinsics, Side
-from skills.vocabulary import Table
+from foldcell.calibration.board import BOARD
+from foldcell.cell.simulation.noise import BoardNoise, BuildNoise
+from foldcell.robots.ports import Array, BoardPlace, Intrinsics, Side
+from foldcell.skills.vocabulary import Table
 
 __all__ = ["WorldBoard", "built_lens", "built_table"]
 

@@ -12,15 +12,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.simulation.camera.display_drawing import DisplayDrawing
-from cell.simulation.camera.render_server import Picture, Scene, Shot
-from cell.simulation.camera.slabs import Slab, with_slabs
-from cell.simulation.noise import CameraNoise
-from cell.simulation.server_process import ServerProcess
-from robots.depth_averaging import mean_depth
-from robots.errors import DriverError, FailureKind
-from robots.ports import CameraFrame, Intrinsics, frozen
-from skills.vocabulary import Array
+from foldcell.cell.simulation.camera.display_drawing import DisplayDrawing
+from foldcell.cell.simulation.camera.render_server import Picture, Scene, Shot
+from foldcell.cell.simulation.camera.slabs import Slab, with_slabs
+from foldcell.cell.simulation.noise import CameraNoise
+from foldcell.cell.simulation.server_process import ServerProcess
+from foldcell.robots.depth_averaging import mean_depth
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.ports import CameraFrame, Intrinsics, frozen
+from foldcell.skills.vocabulary import Array
 
 __all__ = ["Renderer", "SimulatedCamera"]
 
@@ -43,7 +43,7 @@ class Renderer:
         self._process: ServerProcess | None = self._start()
 
     def _start(self) -> ServerProcess:
-        process = ServerProcess("cell.simulation.camera.render_server", silent=True)
+        process = ServerProcess("foldcell.cell.simulation.camera.render_server", silent=True)
         process.send(self.scene)
         self._count = 0
         return process

@@ -2,9 +2,9 @@
 
 PyBullet's TinyRenderer leaks memory and may crash. In a separate process this does not affect the cell. The
 garment is a body without physics that is made anew for each picture. A soft body could change its shape, but
-PyBullet takes up to half a minute to load one. `cell.simulation.camera.camera` starts the process with
+PyBullet takes up to half a minute to load one. `foldcell.cell.simulation.camera.camera` starts the process with
 
-    python -m cell.simulation.camera.render_server FD
+    python -m foldcell.cell.simulation.camera.render_server FD
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.bullet.suppress_output import suppress_output
-from skills.vocabulary import Array, Table
+from foldcell.robots.bullet.suppress_output import suppress_output
+from foldcell.skills.vocabulary import Array, Table
 
 with suppress_output():  # PyBullet prints its build time
     import pybullet as pb
@@ -253,6 +253,8 @@ def main(descriptor: int) -> None:
 
 
 if __name__ == "__main__":
-    from cell.simulation.camera.render_server import main as serve  # so that pickled classes have one module name
+    from foldcell.cell.simulation.camera.render_server import (
+        main as serve,  # so that pickled classes have one module name
+    )
 
     serve(int(sys.argv[1]))

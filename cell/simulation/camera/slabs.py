@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from cell.simulation.camera.render_server import Picture
-from skills.vocabulary import Array
+from foldcell.cell.simulation.camera.render_server import Picture
+from foldcell.skills.vocabulary import Array
 
 __all__ = ["Slab", "hand_over", "square_cloth", "with_slabs"]
 

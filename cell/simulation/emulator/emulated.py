@@ -18,15 +18,15 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from cell.simulation.faults import Fault
-from cell.simulation.port_worlds import bind, unbind, world_behind
-from cell.simulation.server_process import ServerProcess, program_environment
-from cell.simulation.settings import SimulationSettings
-from cell.simulation.simulated_cell import Checkpoint, Display, SimulatedCell, TruthSource
-from robots.errors import ConfigurationError, DriverError, FailureKind
-from robots.model import JointLimits
-from robots.ports import BoardPlace, CameraFrame
-from robots.ros.driver import RosDriver, RosSettings
+from foldcell.cell.simulation.faults import Fault
+from foldcell.cell.simulation.port_worlds import bind, unbind, world_behind
+from foldcell.cell.simulation.server_process import ServerProcess, program_environment
+from foldcell.cell.simulation.settings import SimulationSettings
+from foldcell.cell.simulation.simulated_cell import Checkpoint, Display, SimulatedCell, TruthSource
+from foldcell.robots.errors import ConfigurationError, DriverError, FailureKind
+from foldcell.robots.model import JointLimits
+from foldcell.robots.ports import BoardPlace, CameraFrame
+from foldcell.robots.ros.driver import RosDriver, RosSettings
 
 __all__ = ["emulated_cell"]
 
@@ -86,7 +86,7 @@ class _World:
     """Access to the parts of the world that the executive does not see, over a pipe to its process."""
 
     def __init__(self, settings: SimulationSettings, seed: int, ros: RosSettings) -> None:
-        self._process = ServerProcess("cell.simulation.emulator.emulator_process", silent=False)
+        self._process = ServerProcess("foldcell.cell.simulation.emulator.emulator_process", silent=False)
         self._asking = threading.Lock()
         try:
             self._process.send((settings, seed, ros.camera))
@@ -148,7 +148,7 @@ def _start_master() -> None:
         os.environ |= {"ROS_MASTER_URI": f"http://127.0.0.1:{port}", "ROS_IP": "127.0.0.1"}
         os.environ.pop("ROS_HOSTNAME", None)
         _master = subprocess.Popen(
-            [sys.executable, "-m", "cell.simulation.emulator.ros_master", str(port)],
+            [sys.executable, "-m", "foldcell.cell.simulation.emulator.ros_master", str(port)],
             env=program_environment(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
             start_new_session=True,
         )  # fmt: skip

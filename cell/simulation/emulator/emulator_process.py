@@ -17,10 +17,10 @@ from functools import partial
 from multiprocessing.connection import Connection
 from typing import Any
 
-from cell.simulation import SimulatedCell, open_simulated_cell
-from robots.errors import CellError
-from robots.registry import find_robot
-from robots.ros.driver import EmulatedRobot
+from foldcell.cell.simulation import SimulatedCell, open_simulated_cell
+from foldcell.robots.errors import CellError
+from foldcell.robots.registry import find_robot
+from foldcell.robots.ros.driver import EmulatedRobot
 
 __all__ = ["main"]
 

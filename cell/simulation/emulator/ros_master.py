@@ -1,6 +1,6 @@
 """A separate ROS master for this program. Its process ends together with the process that started it.
 
-python -m cell.simulation.emulator.ros_master PORT      runs until standard input ends
+python -m foldcell.cell.simulation.emulator.ros_master PORT      runs until standard input ends
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import os
 import signal
 import sys
 
-from robots.ros.installation import import_ros
+from foldcell.robots.ros.installation import import_ros
 
 __all__ = ["main"]
 

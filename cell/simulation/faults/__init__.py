@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from cell.simulation.faults.board import FaultBoard
-from cell.simulation.faults.fault import Fault
-from cell.simulation.faults.kinds import TRAITS, FaultKind, FaultTraits, Place
+from foldcell.cell.simulation.faults.board import FaultBoard
+from foldcell.cell.simulation.faults.fault import Fault
+from foldcell.cell.simulation.faults.kinds import TRAITS, FaultKind, FaultTraits, Place
 
 __all__ = ["TRAITS", "Fault", "FaultBoard", "FaultKind", "FaultTraits", "Place"]

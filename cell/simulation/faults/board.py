@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from cell.simulation.faults.fault import Fault
-from cell.simulation.faults.kinds import FaultKind
-from robots.ports import Side
+from foldcell.cell.simulation.faults.fault import Fault
+from foldcell.cell.simulation.faults.kinds import FaultKind
+from foldcell.robots.ports import Side
 
 __all__ = ["FaultBoard"]
 

@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.simulation.camera.camera import SimulatedCamera
-from cell.simulation.camera.slabs import Slab
-from cell.simulation.faults.board import FaultBoard
-from cell.simulation.faults.kinds import FaultKind
-from robots.ports import CameraFrame, frozen
+from foldcell.cell.simulation.camera.camera import SimulatedCamera
+from foldcell.cell.simulation.camera.slabs import Slab
+from foldcell.cell.simulation.faults.board import FaultBoard
+from foldcell.cell.simulation.faults.kinds import FaultKind
+from foldcell.robots.ports import CameraFrame, frozen
 
 __all__ = ["CameraFaults", "holes"]
 

@@ -12,9 +12,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from cell.simulation.faults.kinds import TRAITS, FaultKind, FaultTraits
-from robots.errors import ConfigurationError
-from robots.ports import Side
+from foldcell.cell.simulation.faults.kinds import TRAITS, FaultKind, FaultTraits
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.ports import Side
 
 __all__ = ["Fault"]
 

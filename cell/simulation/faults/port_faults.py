@@ -12,9 +12,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from cell.simulation.faults.board import FaultBoard
-from cell.simulation.faults.kinds import FaultKind
-from robots.ports import (
+from foldcell.cell.simulation.faults.board import FaultBoard
+from foldcell.cell.simulation.faults.kinds import FaultKind
+from foldcell.robots.ports import (
     Array,
     CameraFrame,
     GripperState,

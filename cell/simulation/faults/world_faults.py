@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cell.simulation.camera.slabs import Slab, hand_over, square_cloth
-from cell.simulation.faults.board import FaultBoard
-from cell.simulation.faults.fault import Fault
-from cell.simulation.faults.kinds import FaultKind
-from cell.simulation.garment.garment import WorldGarment
-from cell.simulation.robot.arms import SimulatedRobot
-from cell.simulation.robot.gripper import SimulatedGripper
-from robots.ports import Array, Side
-from skills.vocabulary import Table
+from foldcell.cell.simulation.camera.slabs import Slab, hand_over, square_cloth
+from foldcell.cell.simulation.faults.board import FaultBoard
+from foldcell.cell.simulation.faults.fault import Fault
+from foldcell.cell.simulation.faults.kinds import FaultKind
+from foldcell.cell.simulation.garment.garment import WorldGarment
+from foldcell.cell.simulation.robot.arms import SimulatedRobot
+from foldcell.cell.simulation.robot.gripper import SimulatedGripper
+from foldcell.robots.ports import Array, Side
+from foldcell.skills.vocabulary import Table
 
 __all__ = ["HANDS", "WorldFaults"]
 

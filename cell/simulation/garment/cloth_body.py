@@ -8,12 +8,12 @@ from typing import Protocol
 
 from numpy.typing import NDArray
 
-from robots.errors import ConfigurationError
-from skills.cloth.mesh import ClothMesh
-from skills.cloth.pinch import PadGeometry, PinchReport
-from skills.cloth.settings import CREASE_TIME, SolverSettings
-from skills.cloth.solver import ClothSimulation
-from skills.vocabulary import Array, Material
+from foldcell.robots.errors import ConfigurationError
+from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.cloth.pinch import PadGeometry, PinchReport
+from foldcell.skills.cloth.settings import CREASE_TIME, SolverSettings
+from foldcell.skills.cloth.solver import ClothSimulation
+from foldcell.skills.vocabulary import Array, Material
 
 __all__ = ["FRAME_RATE", "BodyTraits", "ClothBody", "build_body", "check_body", "solver_settings"]
 
@@ -118,7 +118,7 @@ def build_body(
     `check_body`."""
     check_body(world, "the garment", int(mesh.layer.max()) + 1)
     if world == "mujoco":
-        from cell.simulation.garment.mujoco_cloth import MujocoCloth, MujocoSettings
+        from foldcell.cell.simulation.garment.mujoco_cloth import MujocoCloth, MujocoSettings
 
         default = MujocoSettings()
         settings = MujocoSettings(damping=default.damping * traits.damping)

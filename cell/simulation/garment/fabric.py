@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from skills.vocabulary import Array
+from foldcell.skills.vocabulary import Array
 
 __all__ = ["fabric_texture", "garment_uv", "table_texture"]
 

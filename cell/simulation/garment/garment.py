@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.simulation.garment.cloth_body import FRAME_RATE, BodyTraits, ClothBody, build_body
-from cell.simulation.garment.outline import draw_outline
-from cell.simulation.garment.pressing import draw_crease, tip_pressure
-from cell.simulation.noise import GarmentNoise
-from skills.cloth.mesh import ClothMesh
-from skills.cloth.pinch import PadGeometry, PinchReport
-from skills.fold_plan.crease_mesh import creases_of, mesh_near_creases
-from skills.garments.garment import Garment, Span
-from skills.vocabulary import Array, Material
+from foldcell.cell.simulation.garment.cloth_body import FRAME_RATE, BodyTraits, ClothBody, build_body
+from foldcell.cell.simulation.garment.outline import draw_outline
+from foldcell.cell.simulation.garment.pressing import draw_crease, tip_pressure
+from foldcell.cell.simulation.noise import GarmentNoise
+from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.cloth.pinch import PadGeometry, PinchReport
+from foldcell.skills.fold_plan.crease_mesh import creases_of, mesh_near_creases
+from foldcell.skills.garments.garment import Garment, Span
+from foldcell.skills.vocabulary import Array, Material
 
 __all__ = ["WorldGarment"]
 

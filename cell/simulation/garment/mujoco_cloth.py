@@ -19,11 +19,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.errors import InternalError
-from skills.cloth.elasticity import GRAVITY, flexural_rigidity, membrane_modulus
-from skills.cloth.mesh import ClothMesh
-from skills.cloth.pinch import PadGeometry, PinchReport, find_pinched
-from skills.vocabulary import Array, Material
+from foldcell.robots.errors import InternalError
+from foldcell.skills.cloth.elasticity import GRAVITY, flexural_rigidity, membrane_modulus
+from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.cloth.pinch import PadGeometry, PinchReport, find_pinched
+from foldcell.skills.vocabulary import Array, Material
 
 __all__ = ["MujocoCloth", "MujocoSettings"]
 

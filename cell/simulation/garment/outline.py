@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from cell.config.garments.garment_file import load_garment
-from cell.config.yaml_file import read_yaml
-from cell.simulation.noise import GarmentNoise
-from skills.garments.garment import Garment
-from skills.vocabulary import Array
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.config.yaml_file import read_yaml
+from foldcell.cell.simulation.noise import GarmentNoise
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.vocabulary import Array
 
 __all__ = ["Outline", "draw_outline"]
 

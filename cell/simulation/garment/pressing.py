@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from cell.simulation.noise import GarmentNoise
-from skills.cloth.crease_set import largest_crease_set
-from skills.vocabulary import Array
+from foldcell.cell.simulation.noise import GarmentNoise
+from foldcell.skills.cloth.crease_set import largest_crease_set
+from foldcell.skills.vocabulary import Array
 
 __all__ = ["draw_crease", "tip_pressure"]
 

@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from cell.simulation.noise import RobotNoise
-from robots.errors import DriverError, FailureKind
-from robots.model import RobotModel
-from robots.ports import Array, JointSetpoint, JointState, Side, StopState, arm_slice, frozen
-from robots.robot import SimulatedBody, Simulation
-from robots.setpoint import clip_setpoint
+from foldcell.cell.simulation.noise import RobotNoise
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.model import RobotModel
+from foldcell.robots.ports import Array, JointSetpoint, JointState, Side, StopState, arm_slice, frozen
+from foldcell.robots.robot import SimulatedBody, Simulation
+from foldcell.robots.setpoint import clip_setpoint
 
 __all__ = ["SimulatedRobot"]
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robots.gripper_geometry import GripperGeometry
-from robots.ports import Array
+from foldcell.robots.gripper_geometry import GripperGeometry
+from foldcell.robots.ports import Array
 
 __all__ = ["Stiffness", "Touch", "finger_axes", "fingertips", "hand_axis", "touch"]
 

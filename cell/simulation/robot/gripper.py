@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from cell.simulation.noise import GripperNoise
-from robots.errors import DriverError, FailureKind
-from robots.ports import GripperState, Side
+from foldcell.cell.simulation.noise import GripperNoise
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.ports import GripperState, Side
 
 __all__ = ["SimulatedGripper"]
 

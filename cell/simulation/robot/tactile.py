@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cell.simulation.noise import TactileNoise
-from robots.ports import Array, Side, TactileReading, frozen
+from foldcell.cell.simulation.noise import TactileNoise
+from foldcell.robots.ports import Array, Side, TactileReading, frozen
 
 __all__ = ["SimulatedTactile"]
 

@@ -8,16 +8,16 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.config.garments.garment_file import load_garment
-from cell.simulation.scoring.ideal import BackgroundIdeal
-from cell.simulation.simulated_cell import TruthSource
-from cell.simulation.truth import GarmentTruth, Truth
-from cell.states.fold_request import FoldRequest
-from cell.view.recorder import Recorder
-from robots.ports import Array, Side
-from skills.garments.garment import Garment
-from skills.scoring.score import score_plan
-from skills.scoring.verdict import Score
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.simulation.scoring.ideal import BackgroundIdeal
+from foldcell.cell.simulation.simulated_cell import TruthSource
+from foldcell.cell.simulation.truth import GarmentTruth, Truth
+from foldcell.cell.states.fold_request import FoldRequest
+from foldcell.cell.view.recorder import Recorder
+from foldcell.robots.ports import Array, Side
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.scoring.score import score_plan
+from foldcell.skills.scoring.verdict import Score
 
 __all__ = ["DwellTimes", "GroundTruthRecorder"]
 

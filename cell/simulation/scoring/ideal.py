@@ -17,18 +17,18 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from cell.simulation.garment.cloth_body import solver_settings
-from cell.simulation.truth import GarmentTruth
-from robots.errors import CellError
-from skills.cloth.strain import MOST_STRAIN
-from skills.fold_plan.ideal_fold import REST_MOTION, SETTLE_S, IdealFold, ideal_folds
-from skills.fold_plan.plan import ways_to_fold
-from skills.fold_plan.turned_fold import TURN_S
-from skills.garments.garment import Garment
-from skills.scoring.alignment import FinalGarment
-from skills.scoring.score import named_edge_pairs, score
-from skills.scoring.verdict import IdealHeights
-from skills.vocabulary import Array, FoldLine
+from foldcell.cell.simulation.garment.cloth_body import solver_settings
+from foldcell.cell.simulation.truth import GarmentTruth
+from foldcell.robots.errors import CellError
+from foldcell.skills.cloth.strain import MOST_STRAIN
+from foldcell.skills.fold_plan.ideal_fold import REST_MOTION, SETTLE_S, IdealFold, ideal_folds
+from foldcell.skills.fold_plan.plan import ways_to_fold
+from foldcell.skills.fold_plan.turned_fold import TURN_S
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.scoring.alignment import FinalGarment
+from foldcell.skills.scoring.score import named_edge_pairs, score
+from foldcell.skills.scoring.verdict import IdealHeights
+from foldcell.skills.vocabulary import Array, FoldLine
 
 __all__ = ["BackgroundIdeal", "flaw_of", "ideal_heights", "ideal_of"]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robots.errors import ConfigurationError
+from foldcell.robots.errors import ConfigurationError
 
 __all__ = ["checked_name"]
 

@@ -6,8 +6,8 @@ import struct
 import zlib
 from pathlib import Path
 
-from cell.support.files.whole_file import refuse_unwritable
-from robots.errors import ConfigurationError
+from foldcell.cell.support.files.whole_file import refuse_unwritable
+from foldcell.robots.errors import ConfigurationError
 
 __all__ = ["PNG_MARK", "marked_png", "refuse_foreign"]
 

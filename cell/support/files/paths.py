@@ -10,8 +10,8 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
-from cell.support.files.names import checked_name
-from robots.errors import ConfigurationError, StorageError
+from foldcell.cell.support.files.names import checked_name
+from foldcell.robots.errors import ConfigurationError, StorageError
 
 __all__ = [
     "JOURNAL_FILE",

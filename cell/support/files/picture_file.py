@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.support.process.library_messages import captured_messages
-from robots.errors import ConfigurationError
+from foldcell.cell.support.process.library_messages import captured_messages
+from foldcell.robots.errors import ConfigurationError
 
 __all__ = ["known_depth", "read_depth", "read_picture"]
 

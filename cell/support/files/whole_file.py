@@ -8,7 +8,7 @@ import tempfile
 from contextlib import suppress
 from pathlib import Path
 
-from robots.errors import StorageError
+from foldcell.robots.errors import StorageError
 
 __all__ = ["refuse_unwritable", "write_whole"]
 

@@ -10,8 +10,8 @@ from contextlib import contextmanager, suppress
 from multiprocessing import parent_process
 from typing import Any
 
-from cell.support.process.terminations import Terminated
-from robots.ports import Ports
+from foldcell.cell.support.process.terminations import Terminated
+from foldcell.robots.ports import Ports
 
 __all__ = ["Interrupts", "taking_signals"]
 
@@ -60,7 +60,7 @@ class Interrupts:
             says = f"{name}: the cell stops" if self._ports else "please wait: the end of the run is being written"
             with suppress(OSError, ValueError, RuntimeError):  # the terminal is closed, or a line is being printed
                 print(says, file=sys.stderr, flush=True)
-        compiled = sys.modules.get("skills.compiled")  # without it, nothing is being compiled
+        compiled = sys.modules.get("foldcell.skills.compiled")  # without it, nothing is being compiled
         if compiled and compiled.abandon_compilation() and self._simulated:
             raise Terminated(number)
 

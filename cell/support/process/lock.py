@@ -16,7 +16,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from robots.errors import ConfigurationError, StorageError
+from foldcell.robots.errors import ConfigurationError, StorageError
 
 __all__ = ["CellBusyError", "OwnerLock", "is_held"]
 

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 import rerun as rr
 
-from robots.ports import Array
+from foldcell.robots.ports import Array
 
 __all__ = ["TIMELINE", "Columns", "Entry", "Log", "Robot"]
 

@@ -7,9 +7,9 @@ import rerun as rr
 import rerun.urdf
 from numpy.typing import NDArray
 
-from cell.view.entries.entry import Columns, Entry, Log, Robot
-from robots.ports import Array, Side
-from robots.robot import RobotVisual
+from foldcell.cell.view.entries.entry import Columns, Entry, Log, Robot
+from foldcell.robots.ports import Array, Side
+from foldcell.robots.robot import RobotVisual
 
 __all__ = ["RobotFigure"]
 

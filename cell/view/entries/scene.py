@@ -14,12 +14,12 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from cell.states.transition_table import State
-from cell.view.entries import style
-from cell.view.entries.entry import Entry, Log
-from robots.ports import Array, CameraFrame, Side, arm_slice
-from skills.perception.rectification.table_view import TableView
-from skills.vocabulary import CameraCalibration, FoldStep, GarmentState, GraspId, PredictedShape, Table
+from foldcell.cell.states.transition_table import State
+from foldcell.cell.view.entries import style
+from foldcell.cell.view.entries.entry import Entry, Log
+from foldcell.robots.ports import Array, CameraFrame, Side, arm_slice
+from foldcell.skills.perception.rectification.table_view import TableView
+from foldcell.skills.vocabulary import CameraCalibration, FoldStep, GarmentState, GraspId, PredictedShape, Table
 
 __all__ = [
     "CAMERA", "EYE", "LOOK_AT", "TABLE", "TRUTH", "adapted_entries", "arc_entries", "camera_entries",

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
-from cell.view.entries.entry import Columns, Entry
-from cell.view.entries.robot import RobotFigure
-from robots.ports import Array, GripperState, JointState, Side, TactileReading, arm_slice
+from foldcell.cell.view.entries.entry import Columns, Entry
+from foldcell.cell.view.entries.robot import RobotFigure
+from foldcell.robots.ports import Array, GripperState, JointState, Side, TactileReading, arm_slice
 
 __all__ = ["Sample", "Series"]
 

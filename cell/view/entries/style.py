@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cell.states.transition_table import State
+from foldcell.cell.states.transition_table import State
 
 __all__ = [
     "ARC_DONE", "ARC_PLANNED", "CANDIDATE", "FOLD_LINE", "GARMENT", "GRASP", "KEYPOINT", "MASK", "OBSERVED",

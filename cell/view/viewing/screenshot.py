@@ -1,4 +1,4 @@
-"""Pictures of a recording in the viewer: `python -m cell.view.viewing.screenshot RUN.rrd OUT.png`.
+"""Pictures of a recording in the viewer: `python -m foldcell.cell.view.viewing.screenshot RUN.rrd OUT.png`.
 
 This runs Rerun's viewer without a window. It needs a graphics driver; a software driver is enough (Debian:
 mesa-vulkan-drivers).
@@ -16,9 +16,9 @@ import cv2
 import numpy as np
 from rerun.experimental import ViewerClient
 
-from cell.view.entries.entry import TIMELINE
-from cell.view.live import free_port
-from robots.errors import CellError
+from foldcell.cell.view.entries.entry import TIMELINE
+from foldcell.cell.view.live import free_port
+from foldcell.robots.errors import CellError
 
 __all__ = ["screenshot"]
 

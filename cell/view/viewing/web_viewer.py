@@ -20,10 +20,10 @@ from pathlib import Path
 
 import rerun as rr
 
-from cell.support.files.paths import user_cache
-from cell.view.live import free_port
-from cell.view.viewing.viewer import find_viewer, silent_environment
-from robots.errors import StorageError
+from foldcell.cell.support.files.paths import user_cache
+from foldcell.cell.view.live import free_port
+from foldcell.cell.view.viewing.viewer import find_viewer, silent_environment
+from foldcell.robots.errors import StorageError
 
 __all__ = ["FILES", "web_viewer_files"]
 

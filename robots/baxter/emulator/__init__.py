@@ -3,7 +3,7 @@ and tactile pads."""
 
 from __future__ import annotations
 
-from robots.baxter.emulator.emulator import Emulator
-from robots.baxter.emulator.initial_state import NEW, USED, InitialState
+from foldcell.robots.baxter.emulator.emulator import Emulator
+from foldcell.robots.baxter.emulator.initial_state import NEW, USED, InitialState
 
 __all__ = ["NEW", "USED", "Emulator", "InitialState"]

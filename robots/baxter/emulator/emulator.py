@@ -17,18 +17,18 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from robots.baxter.emulator import message_conversion
-from robots.baxter.emulator.grippers import ElectricGripper
-from robots.baxter.emulator.initial_state import USED, InitialState
-from robots.baxter.emulator.limbs import TICK, Limb
-from robots.baxter.emulator.loop_tasks import LoopTasks
-from robots.baxter.emulator.motors import Motors
-from robots.baxter.ros import topics
-from robots.baxter.ros.messages import load_messages
-from robots.errors import DriverError
-from robots.ports import Gripper, Ports, Side, arm_slice
-from robots.ros.driver import CameraTopics
-from robots.ros.node import Node, Publisher
+from foldcell.robots.baxter.emulator import message_conversion
+from foldcell.robots.baxter.emulator.grippers import ElectricGripper
+from foldcell.robots.baxter.emulator.initial_state import USED, InitialState
+from foldcell.robots.baxter.emulator.limbs import TICK, Limb
+from foldcell.robots.baxter.emulator.loop_tasks import LoopTasks
+from foldcell.robots.baxter.emulator.motors import Motors
+from foldcell.robots.baxter.ros import topics
+from foldcell.robots.baxter.ros.messages import load_messages
+from foldcell.robots.errors import DriverError
+from foldcell.robots.ports import Gripper, Ports, Side, arm_slice
+from foldcell.robots.ros.driver import CameraTopics
+from foldcell.robots.ros.node import Node, Publisher
 
 __all__ = ["Emulator"]
 

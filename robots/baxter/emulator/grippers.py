@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from robots.baxter.emulator.initial_state import NEW, InitialState
-from robots.baxter.ros.electric_gripper import (
+from foldcell.robots.baxter.emulator.initial_state import NEW, InitialState
+from foldcell.robots.baxter.ros.electric_gripper import (
     CALIBRATE,
     CLEAR_CALIBRATION,
     CONFIGURE,
@@ -20,8 +20,8 @@ from robots.baxter.ros.electric_gripper import (
     RESET,
     STOP,
 )
-from robots.errors import DriverError
-from robots.ports import Gripper
+from foldcell.robots.errors import DriverError
+from foldcell.robots.ports import Gripper
 
 __all__ = ["ElectricGripper", "GripperReport"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from robots.baxter.ros.electric_gripper import PARAMETERS
+from foldcell.robots.baxter.ros.electric_gripper import PARAMETERS
 
 __all__ = ["NEW", "USED", "InitialState"]
 

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robots.baxter.emulator.initial_state import NEW, InitialState
-from robots.baxter.names import ARM_JOINTS, FULL_SPEED
-from robots.baxter.ros.messages import POSITION, RAW_POSITION
-from robots.ports import Array, Side
+from foldcell.robots.baxter.emulator.initial_state import NEW, InitialState
+from foldcell.robots.baxter.names import ARM_JOINTS, FULL_SPEED
+from foldcell.robots.baxter.ros.messages import POSITION, RAW_POSITION
+from foldcell.robots.ports import Array, Side
 
 __all__ = ["TICK", "Limb"]
 

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from robots.baxter.emulator.grippers import GripperReport
-from robots.baxter.emulator.motors import Button, MotorState
-from robots.baxter.names import ARM_JOINTS, JOINT_NAMES
-from robots.baxter.ros.electric_gripper import HARDWARE_ID
-from robots.baxter.ros.messages import Messages
-from robots.ports import CameraFrame, JointState, Side, TactileReading
+from foldcell.robots.baxter.emulator.grippers import GripperReport
+from foldcell.robots.baxter.emulator.motors import Button, MotorState
+from foldcell.robots.baxter.names import ARM_JOINTS, JOINT_NAMES
+from foldcell.robots.baxter.ros.electric_gripper import HARDWARE_ID
+from foldcell.robots.baxter.ros.messages import Messages
+from foldcell.robots.ports import CameraFrame, JointState, Side, TactileReading
 
 __all__ = ["assembly_state", "gripper_state", "header", "joint_state", "picture", "ros_time", "tactile_state"]
 

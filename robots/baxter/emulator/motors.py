@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from threading import Lock
 
-from robots.errors import DriverError
-from robots.ports import Arms, Array, Stop
+from foldcell.robots.errors import DriverError
+from foldcell.robots.ports import Arms, Array, Stop
 
 __all__ = ["Button", "MotorState", "Motors"]
 

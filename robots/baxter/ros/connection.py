@@ -7,20 +7,20 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
-from robots.baxter.ros.ports.arms import RosArms
-from robots.baxter.ros.ports.camera import RosCamera
-from robots.baxter.ros.ports.clock import TopicClock, WallClock, cell_clock
-from robots.baxter.ros.ports.gripper import RosGripper
-from robots.baxter.ros.ports.head import RosHead
-from robots.baxter.ros.ports.latest_message import LatestMessage
-from robots.baxter.ros.ports.stop import RosStop
-from robots.baxter.ros.ports.tactile import RosTactile
-from robots.baxter.ros.topics import ROBOT_STATE, joint_command
-from robots.errors import ConfigurationError
-from robots.model import JointLimits
-from robots.ports import Attendant, Ports, Side, Stop
-from robots.ros.driver import RosSettings
-from robots.ros.node import Node, master_address, open_node
+from foldcell.robots.baxter.ros.ports.arms import RosArms
+from foldcell.robots.baxter.ros.ports.camera import RosCamera
+from foldcell.robots.baxter.ros.ports.clock import TopicClock, WallClock, cell_clock
+from foldcell.robots.baxter.ros.ports.gripper import RosGripper
+from foldcell.robots.baxter.ros.ports.head import RosHead
+from foldcell.robots.baxter.ros.ports.latest_message import LatestMessage
+from foldcell.robots.baxter.ros.ports.stop import RosStop
+from foldcell.robots.baxter.ros.ports.tactile import RosTactile
+from foldcell.robots.baxter.ros.topics import ROBOT_STATE, joint_command
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.model import JointLimits
+from foldcell.robots.ports import Attendant, Ports, Side, Stop
+from foldcell.robots.ros.driver import RosSettings
+from foldcell.robots.ros.node import Node, master_address, open_node
 
 __all__ = ["connected", "connected_stop"]
 

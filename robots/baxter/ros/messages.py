@@ -11,7 +11,7 @@ from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
-from robots.ros.installation import import_ros
+from foldcell.robots.ros.installation import import_ros
 
 __all__ = ["POSITION", "RAW_POSITION", "TORQUE", "VELOCITY", "Messages", "load_messages"]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robots.ports import Side
+from foldcell.robots.ports import Side
 
 __all__ = [
     "CLOCK",

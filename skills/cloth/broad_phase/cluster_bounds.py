@@ -6,10 +6,10 @@ from __future__ import annotations
 import numpy as np
 from numba import int32
 
-from skills.cloth.clusters import FAR
-from skills.cloth.contact.ridges import find_ridges
-from skills.cloth.inner import inner
-from skills.cloth.simd.f32x16 import (
+from foldcell.skills.cloth.clusters import FAR
+from foldcell.skills.cloth.contact.ridges import find_ridges
+from foldcell.skills.cloth.inner import inner
+from foldcell.skills.cloth.simd.f32x16 import (
     LANES,
     ctz,
     expect_columns,
@@ -23,7 +23,7 @@ from skills.cloth.simd.f32x16 import (
     vsqrt,
     where,
 )
-from skills.cloth.simd.i32x16 import (
+from foldcell.skills.cloth.simd.i32x16 import (
     load_i32x16,
     mask_greater,
     splat_i32x16,

@@ -19,10 +19,10 @@ from __future__ import annotations
 import numpy as np
 from numba import int32
 
-from skills.cloth.clusters import FAR, LEAF
-from skills.cloth.contact.contacts import RELEASE, edge_distance
-from skills.cloth.inner import inner
-from skills.cloth.simd.f32x16 import (
+from foldcell.skills.cloth.clusters import FAR, LEAF
+from foldcell.skills.cloth.contact.contacts import RELEASE, edge_distance
+from foldcell.skills.cloth.inner import inner
+from foldcell.skills.cloth.simd.f32x16 import (
     LANES,
     expect_columns,
     expect_rows,
@@ -33,7 +33,7 @@ from skills.cloth.simd.f32x16 import (
     vmax,
     vmin,
 )
-from skills.cloth.simd.i32x16 import (
+from foldcell.skills.cloth.simd.i32x16 import (
     compress,
     iota,
     load_i32x16,

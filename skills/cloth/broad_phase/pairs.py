@@ -6,13 +6,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from skills.cloth.broad_phase.cluster_bounds import fit_clusters, fit_ridges
-from skills.cloth.broad_phase.cluster_search import search_pairs
-from skills.cloth.contact.contacts import PARKED
-from skills.cloth.contact.ridges import note_ridges, stay_ridges
-from skills.cloth.inner import inner
-from skills.cloth.simd.vec3 import load, store
-from skills.cloth.state import EE, FITTED, NOW, PACE, SEARCHED, SEARCHES, VT, WATCHED
+from foldcell.skills.cloth.broad_phase.cluster_bounds import fit_clusters, fit_ridges
+from foldcell.skills.cloth.broad_phase.cluster_search import search_pairs
+from foldcell.skills.cloth.contact.contacts import PARKED
+from foldcell.skills.cloth.contact.ridges import note_ridges, stay_ridges
+from foldcell.skills.cloth.inner import inner
+from foldcell.skills.cloth.simd.vec3 import load, store
+from foldcell.skills.cloth.state import EE, FITTED, NOW, PACE, SEARCHED, SEARCHES, VT, WATCHED
 
 SLACK = 0.001  # [m] distance by which a corner may stray from its course before its cluster is searched again
 # x thickness: slack of a cluster at rest. It is so small that, in cloth thicker than about 1.8 mm, the edges of

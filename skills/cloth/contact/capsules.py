@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from skills.cloth.inner import inner
-from skills.cloth.state import EDGES
+from foldcell.skills.cloth.inner import inner
+from foldcell.skills.cloth.state import EDGES
 
 PUSH_SPEED = 0.6  # [m/s] largest speed at which cloth inside a capsule is pushed out
 CAPSULE_FRICTION = 0.3

@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from skills.cloth.inner import inner
-from skills.cloth.simd.f64x8 import EIGHT
-from skills.cloth.simd.vec3 import members
+from foldcell.skills.cloth.inner import inner
+from foldcell.skills.cloth.simd.f64x8 import EIGHT
+from foldcell.skills.cloth.simd.vec3 import members
 
 __all__ = ["PARTS", "group_contacts", "take_turns"]
 

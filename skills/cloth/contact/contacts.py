@@ -31,8 +31,8 @@ from __future__ import annotations
 import numpy as np
 from numba.extending import register_jitable
 
-from skills.cloth.inner import inner
-from skills.cloth.simd.f64x8 import (
+from foldcell.skills.cloth.inner import inner
+from foldcell.skills.cloth.simd.f64x8 import (
     EIGHT,
     add_shares,
     any_above,
@@ -49,7 +49,7 @@ from skills.cloth.simd.f64x8 import (
     vsqrt,
     where_above,
 )  # fmt: skip
-from skills.cloth.simd.vec3 import dot, load, members, spread, store
+from foldcell.skills.cloth.simd.vec3 import dot, load, members, spread, store
 
 # A phase is the usual time from one narrow phase to the next: at most 1 / PHASES [s], but at least PHASE substeps.
 PHASE, PHASES = 4, 240

@@ -6,7 +6,7 @@ from __future__ import annotations
 from llvmlite import ir
 from numba import types
 
-from skills.cloth.simd.registers import INDEX, ArrayOf, mixed, operation
+from foldcell.skills.cloth.simd.registers import INDEX, ArrayOf, mixed, operation
 
 __all__ = ["common_corner"]
 

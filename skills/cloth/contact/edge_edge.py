@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from skills.cloth.contact.contacts import GIVE_UP, LEAST_SHARE, PARKED, RELEASE, STRAY, later
-from skills.cloth.contact.vertex_triangle import find_due
-from skills.cloth.inner import inner
-from skills.cloth.simd.vec3 import cross, dot, load, store, vector
+from foldcell.skills.cloth.contact.contacts import GIVE_UP, LEAST_SHARE, PARKED, RELEASE, STRAY, later
+from foldcell.skills.cloth.contact.vertex_triangle import find_due
+from foldcell.skills.cloth.inner import inner
+from foldcell.skills.cloth.simd.vec3 import cross, dot, load, store, vector
 
 # sin^2 of an angle: two edges at a smaller angle count as parallel, and vertex-triangle contacts keep them apart
 NEAR_PARALLEL = 0.02

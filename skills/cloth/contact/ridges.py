@@ -18,9 +18,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from skills.cloth.contact.contacts import edge_distance
-from skills.cloth.inner import inner
-from skills.cloth.simd.f32x16 import LANES
+from foldcell.skills.cloth.contact.contacts import edge_distance
+from foldcell.skills.cloth.inner import inner
+from foldcell.skills.cloth.simd.f32x16 import LANES
 
 __all__ = ["find_ridges", "flat_cosine", "note_ridges", "stay_ridges"]
 

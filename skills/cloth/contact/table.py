@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from skills.cloth.inner import inner
-from skills.cloth.simd.vec3 import load, store, vector
+from foldcell.skills.cloth.inner import inner
+from foldcell.skills.cloth.simd.vec3 import load, store, vector
 
 LOW = 0.004  # [m] vertices that are higher than this above their rest height cannot reach the table in a substep
 # Vertices inside the table are pushed out by SUNK_SHARE of their depth per substep, but not faster than SUNK_SPEED

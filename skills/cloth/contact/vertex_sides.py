@@ -20,8 +20,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from skills.cloth.contact.contacts import GIVE_UP, MAX_WAIT, RELEASE, STRAY
-from skills.cloth.simd.f32x16 import LANES
+from foldcell.skills.cloth.contact.contacts import GIVE_UP, MAX_WAIT, RELEASE, STRAY
+from foldcell.skills.cloth.simd.f32x16 import LANES
 
 __all__ = [
     "AWAY", "BORDER", "GAP", "LEAST", "NORMAL", "REACH", "ROWS", "SECOND", "SIDE", "SLIDE", "THIRD", "TOUCHES",

@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from skills.cloth.contact.contacts import LEAST_SHARE, PARKED, is_due
-from skills.cloth.contact.corners import common_corner
-from skills.cloth.contact.vertex_sides import (
+from foldcell.skills.cloth.contact.contacts import LEAST_SHARE, PARKED, is_due
+from foldcell.skills.cloth.contact.corners import common_corner
+from foldcell.skills.cloth.contact.vertex_sides import (
     AWAY,
     BORDER,
     GAP,
@@ -33,10 +33,10 @@ from skills.cloth.contact.vertex_sides import (
     WITHIN,
     judge_sides,
 )
-from skills.cloth.inner import inner
-from skills.cloth.simd.f32x16 import LANES
-from skills.cloth.simd.f64x8 import blocks
-from skills.cloth.simd.vec3 import load, store, store_singles, vector
+from foldcell.skills.cloth.inner import inner
+from foldcell.skills.cloth.simd.f32x16 import LANES
+from foldcell.skills.cloth.simd.f64x8 import blocks
+from foldcell.skills.cloth.simd.vec3 import load, store, store_singles, vector
 
 AT_BEND = -2  # value in `better` of a row that is at a bend and has no better row (`_meet_once`)
 ONE, FULL, ZERO = np.uint64(1), np.uint64(LANES), np.float32(0.0)

@@ -7,8 +7,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from robots.ports import Array
-from skills.compiled import cached
+from foldcell.robots.ports import Array
+from foldcell.skills.compiled import cached
 
 __all__ = ["count_crossings", "crosses", "find_crossings"]
 

@@ -22,10 +22,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array
-from skills.cloth.inner import inner
-from skills.cloth.intersections.crossings import crosses
-from skills.cloth.simd.vec3 import cross, dot, load
+from foldcell.robots.ports import Array
+from foldcell.skills.cloth.inner import inner
+from foldcell.skills.cloth.intersections.crossings import crosses
+from foldcell.skills.cloth.simd.vec3 import cross, dot, load
 
 STEP = 0.1  # x thickness: how far an examination moves the edge and the triangle of a crossing apart
 PATIENCE = 3  # number of examinations for which a crossing is left to the contacts

@@ -21,9 +21,9 @@ from llvmlite import ir
 from numba import types
 from numba.cpython.unsafe.numbers import trailing_zeros
 
-from skills.cloth.inner import inner
-from skills.cloth.simd.i32x16 import LANES, flags, whole
-from skills.cloth.simd.registers import (
+from foldcell.skills.cloth.inner import inner
+from foldcell.skills.cloth.simd.i32x16 import LANES, flags, whole
+from foldcell.skills.cloth.simd.registers import (
     INDEX,
     Register,
     call,

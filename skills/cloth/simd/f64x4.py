@@ -17,8 +17,8 @@ from __future__ import annotations
 from llvmlite import ir
 from numba import types
 
-from skills.cloth.simd.registers import INDEX, ArrayOf, call, mixed, operation, splat_of, where_above_of
-from skills.cloth.simd.vec3 import MEMBERS, PLACES, WIDTH, vector_type
+from foldcell.skills.cloth.simd.registers import INDEX, ArrayOf, call, mixed, operation, splat_of, where_above_of
+from foldcell.skills.cloth.simd.vec3 import MEMBERS, PLACES, WIDTH, vector_type
 
 __all__ = ["FOUR", "dots", "ends", "gather_f64x4", "load_f64x4", "splat_f64x4", "where_above"]
 

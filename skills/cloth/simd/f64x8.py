@@ -17,7 +17,7 @@ import numpy as np
 from llvmlite import ir
 from numba import njit, types
 
-from skills.cloth.simd.registers import (
+from foldcell.skills.cloth.simd.registers import (
     INDEX,
     Elements,
     Register,
@@ -31,7 +31,7 @@ from skills.cloth.simd.registers import (
     store_rows,
     where_above_of,
 )
-from skills.cloth.simd.vec3 import MEMBERS, VECTORS, WIDTH, vector_type
+from foldcell.skills.cloth.simd.vec3 import MEMBERS, VECTORS, WIDTH, vector_type
 
 __all__ = [
     "EIGHT",

@@ -19,7 +19,7 @@ from typing import Any
 from llvmlite import ir
 from numba import types
 
-from skills.cloth.simd.registers import (
+from foldcell.skills.cloth.simd.registers import (
     ArrayOf,
     Register,
     call,

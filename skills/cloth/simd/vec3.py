@@ -18,10 +18,10 @@ from llvmlite import ir
 from numba import types
 from numba.extending import overload
 
-from robots.ports import Array
-from skills.cloth.inner import inner
-from skills.cloth.simd.aligned_arrays import aligned_zeros
-from skills.cloth.simd.registers import INDEX, ArrayOf, Register, elementwise, mixed, operation, splat_of
+from foldcell.robots.ports import Array
+from foldcell.skills.cloth.inner import inner
+from foldcell.skills.cloth.simd.aligned_arrays import aligned_zeros
+from foldcell.skills.cloth.simd.registers import INDEX, ArrayOf, Register, elementwise, mixed, operation, splat_of
 
 __all__ = [
     "PLACES", "VECTORS", "WIDTH", "cross", "dot", "load", "members", "rows", "spread", "store", "store_singles",

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robots.model import ArmChain, RobotModel
-from robots.ports import Array, Side
-from skills.compiled import cached
+from foldcell.robots.model import ArmChain, RobotModel
+from foldcell.robots.ports import Array, Side
+from foldcell.skills.compiled import cached
 
 __all__ = ["PathSolution", "arm_seeds", "follow_path", "jacobian", "solve_pose", "solve_seeds", "tool_pose"]
 

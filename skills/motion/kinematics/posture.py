@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robots.ports import Array
-from skills.vocabulary import GraspId, Table, ToolPath, tool_rotation
+from foldcell.robots.ports import Array
+from foldcell.skills.vocabulary import GraspId, Table, ToolPath, tool_rotation
 
 __all__ = ["Posture", "angles_of", "blended", "in_base", "resampled", "with_ends"]
 

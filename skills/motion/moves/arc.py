@@ -9,18 +9,18 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from robots.model import JointLimits, RobotModel
-from robots.ports import ArmTrajectory, Array, Side, frozen
-from skills.motion.kinematics import ik
-from skills.motion.kinematics.posture import Posture, angles_of, blended, in_base, resampled
-from skills.motion.moves.retreat import plan_retreat
-from skills.motion.timing.inputs import TimingError
-from skills.motion.timing.timing import time_law
-from skills.motion.validation.collision import CollisionChecker
-from skills.motion.validation.failures import out_of_reach
-from skills.motion.validation.inputs import validate_paths, validate_state, validate_tool_speed
-from skills.motion.validation.trajectory_check import check_trajectory
-from skills.vocabulary import GraspId, Outcome, Table, ToolPath
+from foldcell.robots.model import JointLimits, RobotModel
+from foldcell.robots.ports import ArmTrajectory, Array, Side, frozen
+from foldcell.skills.motion.kinematics import ik
+from foldcell.skills.motion.kinematics.posture import Posture, angles_of, blended, in_base, resampled
+from foldcell.skills.motion.moves.retreat import plan_retreat
+from foldcell.skills.motion.timing.inputs import TimingError
+from foldcell.skills.motion.timing.timing import time_law
+from foldcell.skills.motion.validation.collision import CollisionChecker
+from foldcell.skills.motion.validation.failures import out_of_reach
+from foldcell.skills.motion.validation.inputs import validate_paths, validate_state, validate_tool_speed
+from foldcell.skills.motion.validation.trajectory_check import check_trajectory
+from foldcell.skills.vocabulary import GraspId, Outcome, Table, ToolPath
 
 __all__ = ["ArcMotion", "intended_duration", "plan_arc"]
 

@@ -13,19 +13,24 @@ from functools import partial
 
 import numpy as np
 
-from robots.errors import Failure
-from robots.model import JointLimits, RobotModel
-from robots.ports import ArmTrajectory, Array, Side
-from skills.motion.kinematics.posture import Posture
-from skills.motion.moves.arc import ArcMotion, intended_duration, plan_arc
-from skills.motion.moves.grasp import APPROACH_HEIGHT, Descent, GraspMotion, plan_grasp
-from skills.motion.moves.lift import plan_lift
-from skills.motion.moves.posture_search import PostureChoice, rank_postures
-from skills.motion.moves.retreat import RETREAT_HEIGHT
-from skills.motion.moves.suggested_shift import with_shift_suggestion
-from skills.motion.validation.collision import CollisionChecker
-from skills.motion.validation.inputs import validate_height, validate_paths, validate_state, validate_tool_speed
-from skills.vocabulary import FoldStep, GraspId, Outcome, Table, ToolPath
+from foldcell.robots.errors import Failure
+from foldcell.robots.model import JointLimits, RobotModel
+from foldcell.robots.ports import ArmTrajectory, Array, Side
+from foldcell.skills.motion.kinematics.posture import Posture
+from foldcell.skills.motion.moves.arc import ArcMotion, intended_duration, plan_arc
+from foldcell.skills.motion.moves.grasp import APPROACH_HEIGHT, Descent, GraspMotion, plan_grasp
+from foldcell.skills.motion.moves.lift import plan_lift
+from foldcell.skills.motion.moves.posture_search import PostureChoice, rank_postures
+from foldcell.skills.motion.moves.retreat import RETREAT_HEIGHT
+from foldcell.skills.motion.moves.suggested_shift import with_shift_suggestion
+from foldcell.skills.motion.validation.collision import CollisionChecker
+from foldcell.skills.motion.validation.inputs import (
+    validate_height,
+    validate_paths,
+    validate_state,
+    validate_tool_speed,
+)
+from foldcell.skills.vocabulary import FoldStep, GraspId, Outcome, Table, ToolPath
 
 __all__ = ["FoldMotion", "plan_fold_motion", "plan_hands_motion"]
 

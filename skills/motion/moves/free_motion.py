@@ -8,15 +8,15 @@ from itertools import pairwise
 
 import numpy as np
 
-from robots.model import JointLimits, RobotModel
-from robots.ports import ArmTrajectory, Array
-from skills.motion.moves.rrt_connect import blend_corners, candidate_paths, check_endpoints, no_path_found
-from skills.motion.timing.inputs import TimingError
-from skills.motion.timing.timing import free_motion, join, time_path
-from skills.motion.validation.collision import CollisionChecker
-from skills.motion.validation.inputs import validate_goal, validate_state
-from skills.motion.validation.trajectory_check import contact_along
-from skills.vocabulary import Outcome
+from foldcell.robots.model import JointLimits, RobotModel
+from foldcell.robots.ports import ArmTrajectory, Array
+from foldcell.skills.motion.moves.rrt_connect import blend_corners, candidate_paths, check_endpoints, no_path_found
+from foldcell.skills.motion.timing.inputs import TimingError
+from foldcell.skills.motion.timing.timing import free_motion, join, time_path
+from foldcell.skills.motion.validation.collision import CollisionChecker
+from foldcell.skills.motion.validation.inputs import validate_goal, validate_state
+from foldcell.skills.motion.validation.trajectory_check import contact_along
+from foldcell.skills.vocabulary import Outcome
 
 __all__ = ["plan_free_motion"]
 

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robots.model import JointLimits, RobotModel
-from robots.ports import ArmTrajectory, Array, Side, arm_slice, frozen
-from skills.motion.kinematics import ik
-from skills.motion.kinematics.posture import Posture, in_base
-from skills.motion.moves.free_motion import plan_free_motion
-from skills.motion.validation.collision import CollisionChecker
-from skills.motion.validation.failures import out_of_reach, too_near
-from skills.motion.validation.inputs import validate_height, validate_paths, validate_state
-from skills.vocabulary import GraspId, Outcome, Table, ToolPath
+from foldcell.robots.model import JointLimits, RobotModel
+from foldcell.robots.ports import ArmTrajectory, Array, Side, arm_slice, frozen
+from foldcell.skills.motion.kinematics import ik
+from foldcell.skills.motion.kinematics.posture import Posture, in_base
+from foldcell.skills.motion.moves.free_motion import plan_free_motion
+from foldcell.skills.motion.validation.collision import CollisionChecker
+from foldcell.skills.motion.validation.failures import out_of_reach, too_near
+from foldcell.skills.motion.validation.inputs import validate_height, validate_paths, validate_state
+from foldcell.skills.vocabulary import GraspId, Outcome, Table, ToolPath
 
 __all__ = ["APPROACH_HEIGHT", "Descent", "GraspMotion", "plan_grasp"]
 

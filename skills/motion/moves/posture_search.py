@@ -16,13 +16,13 @@ from itertools import product
 
 import numpy as np
 
-from robots.errors import Failure, FailureKind
-from robots.model import RobotModel
-from robots.ports import Array, Side, arm_slice
-from skills.motion.kinematics import ik
-from skills.motion.kinematics.posture import Posture, in_base, with_ends
-from skills.motion.validation.collision import CollisionChecker, Contact
-from skills.vocabulary import GraspId, Outcome, Table, ToolPath
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.model import RobotModel
+from foldcell.robots.ports import Array, Side, arm_slice
+from foldcell.skills.motion.kinematics import ik
+from foldcell.skills.motion.kinematics.posture import Posture, in_base, with_ends
+from foldcell.skills.motion.validation.collision import CollisionChecker, Contact
+from foldcell.skills.vocabulary import GraspId, Outcome, Table, ToolPath
 
 __all__ = ["PostureChoice", "rank_postures"]
 

@@ -5,17 +5,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from robots.errors import Failure, FailureKind
-from robots.model import JointLimits, RobotModel
-from robots.ports import ArmTrajectory, Array, Side
-from skills.motion.kinematics import ik
-from skills.motion.timing.inputs import TimingError
-from skills.motion.timing.timing import hold, time_path
-from skills.motion.validation.collision import CollisionChecker
-from skills.motion.validation.failures import too_near
-from skills.motion.validation.inputs import validate_state, validate_tool_speed
-from skills.motion.validation.trajectory_check import contact_along
-from skills.vocabulary import Outcome
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.model import JointLimits, RobotModel
+from foldcell.robots.ports import ArmTrajectory, Array, Side
+from foldcell.skills.motion.kinematics import ik
+from foldcell.skills.motion.timing.inputs import TimingError
+from foldcell.skills.motion.timing.timing import hold, time_path
+from foldcell.skills.motion.validation.collision import CollisionChecker
+from foldcell.skills.motion.validation.failures import too_near
+from foldcell.skills.motion.validation.inputs import validate_state, validate_tool_speed
+from foldcell.skills.motion.validation.trajectory_check import contact_along
+from foldcell.skills.vocabulary import Outcome
 
 __all__ = ["nearest_on", "plan_along", "share_done", "without_loops"]
 

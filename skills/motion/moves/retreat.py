@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robots.errors import Failure
-from robots.model import JointLimits, RobotModel
-from robots.ports import ArmTrajectory, Array, Side
-from skills.motion.moves.free_motion import plan_free_motion
-from skills.motion.moves.lift import plan_lift
-from skills.motion.validation.collision import CollisionChecker
-from skills.vocabulary import Outcome
+from foldcell.robots.errors import Failure
+from foldcell.robots.model import JointLimits, RobotModel
+from foldcell.robots.ports import ArmTrajectory, Array, Side
+from foldcell.skills.motion.moves.free_motion import plan_free_motion
+from foldcell.skills.motion.moves.lift import plan_lift
+from foldcell.skills.motion.validation.collision import CollisionChecker
+from foldcell.skills.vocabulary import Outcome
 
 __all__ = ["CAREFUL_RISE", "RETREAT_HEIGHT", "Retreat", "plan_retreat"]
 

@@ -11,10 +11,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from robots.errors import Failure, FailureKind
-from robots.model import RobotModel
-from robots.ports import Array, Side
-from skills.motion.validation.collision import CollisionChecker, Contact
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.model import RobotModel
+from foldcell.robots.ports import Array, Side
+from foldcell.skills.motion.validation.collision import CollisionChecker, Contact
 
 __all__ = ["blend_corners", "candidate_paths", "check_endpoints", "no_path_found"]
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from robots.errors import Failure
-from robots.model import RobotModel
-from robots.ports import Array, frozen
-from skills.motion.moves.posture_search import rank_postures
-from skills.motion.validation.collision import CollisionChecker
-from skills.vocabulary import GraspId, Table, ToolPath
+from foldcell.robots.errors import Failure
+from foldcell.robots.model import RobotModel
+from foldcell.robots.ports import Array, frozen
+from foldcell.skills.motion.moves.posture_search import rank_postures
+from foldcell.skills.motion.validation.collision import CollisionChecker
+from foldcell.skills.vocabulary import GraspId, Table, ToolPath
 
 __all__ = ["with_shift_suggestion"]
 

@@ -1,7 +1,7 @@
 """Validates the inputs of timing: samples are finite, times increase, and the motion is not too long to be
 sampled.
 
-The functions raise `TimingError`; the planners of `skills.motion.moves` return it as a failure.
+The functions raise `TimingError`; the planners of `foldcell.skills.motion.moves` return it as a failure.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from robots.errors import CellError, Failure, FailureKind
-from robots.ports import Array
+from foldcell.robots.errors import CellError, Failure, FailureKind
+from foldcell.robots.ports import Array
 
 __all__ = ["LONGEST_MOTION", "TimingError", "validate_duration", "validate_path", "validate_times"]
 

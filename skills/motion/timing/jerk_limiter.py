@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 
 import ruckig
 
-from robots.errors import InternalError
+from foldcell.robots.errors import InternalError
 
 __all__ = ["JerkLimiter", "step_towards"]
 

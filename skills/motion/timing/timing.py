@@ -26,11 +26,11 @@ import numpy as np
 import ruckig
 from scipy.interpolate import CubicSpline, make_interp_spline
 
-from robots.errors import InternalError
-from robots.model import JointLimits
-from robots.ports import ArmTrajectory, Array, frozen
-from skills.motion.timing.inputs import TimingError, validate_duration, validate_path, validate_times
-from skills.motion.timing.without_plots import without_plots
+from foldcell.robots.errors import InternalError
+from foldcell.robots.model import JointLimits
+from foldcell.robots.ports import ArmTrajectory, Array, frozen
+from foldcell.skills.motion.timing.inputs import TimingError, validate_duration, validate_path, validate_times
+from foldcell.skills.motion.timing.without_plots import without_plots
 
 with without_plots():
     import toppra

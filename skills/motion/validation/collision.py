@@ -13,9 +13,9 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from robots.model import RobotModel
-from robots.ports import Array, Side
-from skills.vocabulary import Table
+from foldcell.robots.model import RobotModel
+from foldcell.robots.ports import Array, Side
+from foldcell.skills.vocabulary import Table
 
 __all__ = ["CollisionChecker", "Contact"]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from robots.errors import Failure, FailureKind
-from robots.ports import Array, Side
-from skills.vocabulary import Table
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.ports import Array, Side
+from foldcell.skills.vocabulary import Table
 
 __all__ = ["out_of_reach", "too_near"]
 

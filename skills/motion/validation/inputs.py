@@ -9,11 +9,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from robots.errors import Failure, FailureKind
-from robots.model import RobotModel
-from robots.ports import Array
-from skills.motion.timing.inputs import LONGEST_MOTION
-from skills.vocabulary import GraspId, ToolPath
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.model import RobotModel
+from foldcell.robots.ports import Array
+from foldcell.skills.motion.timing.inputs import LONGEST_MOTION
+from foldcell.skills.vocabulary import GraspId, ToolPath
 
 __all__ = ["validate_goal", "validate_height", "validate_paths", "validate_state", "validate_tool_speed"]
 

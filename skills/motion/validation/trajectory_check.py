@@ -12,12 +12,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.errors import Failure, FailureKind
-from robots.model import JointLimits, RobotModel
-from robots.ports import ArmTrajectory, Array
-from skills.motion.timing.timing import Peaks, peaks
-from skills.motion.validation.collision import CollisionChecker, Contact
-from skills.vocabulary import Outcome
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.model import JointLimits, RobotModel
+from foldcell.robots.ports import ArmTrajectory, Array
+from foldcell.skills.motion.timing.timing import Peaks, peaks
+from foldcell.skills.motion.validation.collision import CollisionChecker, Contact
+from foldcell.skills.vocabulary import Outcome
 
 __all__ = ["check_trajectory", "contact_along"]
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from robots.ports import Array
-from skills.perception.inspection.claim import Claim
-from skills.perception.inspection.claim_settings import ClaimSettings
-from skills.perception.inspection.diagnosis import beyond_limits
-from skills.perception.inspection.height_expectation import (
+from foldcell.robots.ports import Array
+from foldcell.skills.perception.inspection.claim import Claim
+from foldcell.skills.perception.inspection.claim_settings import ClaimSettings
+from foldcell.skills.perception.inspection.diagnosis import beyond_limits
+from foldcell.skills.perception.inspection.height_expectation import (
     CameraBias,
     IdealHeights,
     Normal,
@@ -19,9 +19,9 @@ from skills.perception.inspection.height_expectation import (
     expected_heights,
     judge_flatness,
 )
-from skills.perception.inspection.result import Inspection, InspectionSettings
-from skills.perception.inspection.target_view import TargetView
-from skills.vocabulary import FailureKind
+from foldcell.skills.perception.inspection.result import Inspection, InspectionSettings
+from foldcell.skills.perception.inspection.target_view import TargetView
+from foldcell.skills.vocabulary import FailureKind
 
 __all__ = ["Displacement", "Layers", "SeenFolds", "claim_fold", "displacement_of"]
 

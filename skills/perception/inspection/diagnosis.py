@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from skills.perception.inspection.moved_edge import MovedEdge
-from skills.perception.inspection.result import MAX_PILED_AREA, Inspection, InspectionSettings
-from skills.vocabulary import Array, FailureKind, FoldStep
+from foldcell.skills.perception.inspection.moved_edge import MovedEdge
+from foldcell.skills.perception.inspection.result import MAX_PILED_AREA, Inspection, InspectionSettings
+from foldcell.skills.vocabulary import Array, FailureKind, FoldStep
 
 __all__ = ["beyond_limits", "diagnose", "diagnosed_by_height", "lasting_defect", "outline_matches"]
 

@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array
-from skills.fold_plan.plan import RELEASE_CLEARANCE
-from skills.perception.inspection.result import FOLD_MARGIN
-from skills.perception.rectification.heights import LOFTY, upper
-from skills.perception.rectification.table_view import TableView
-from skills.vocabulary import FoldStep, GraspId
+from foldcell.robots.ports import Array
+from foldcell.skills.fold_plan.plan import RELEASE_CLEARANCE
+from foldcell.skills.perception.inspection.result import FOLD_MARGIN
+from foldcell.skills.perception.rectification.heights import LOFTY, upper
+from foldcell.skills.perception.rectification.table_view import TableView
+from foldcell.skills.vocabulary import FoldStep, GraspId
 
 __all__ = ["extra_height", "judged_area", "left_behind", "missing_layer", "piled_area", "upper_height"]
 

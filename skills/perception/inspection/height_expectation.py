@@ -15,9 +15,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from skills.perception.inspection.claim_settings import ClaimSettings
-from skills.perception.inspection.target_view import StackHeights
-from skills.vocabulary import Array, frozen
+from foldcell.skills.perception.inspection.claim_settings import ClaimSettings
+from foldcell.skills.perception.inspection.target_view import StackHeights
+from foldcell.skills.vocabulary import Array, frozen
 
 __all__ = [
     "CameraBias",

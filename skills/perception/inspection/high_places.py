@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array
-from skills.perception.inspection.predicted_view import draw_shape
-from skills.perception.rectification.heights import smooth_height
-from skills.perception.rectification.table_view import TableView
-from skills.vocabulary import PredictedShape
+from foldcell.robots.ports import Array
+from foldcell.skills.perception.inspection.predicted_view import draw_shape
+from foldcell.skills.perception.rectification.heights import smooth_height
+from foldcell.skills.perception.rectification.table_view import TableView
+from foldcell.skills.vocabulary import PredictedShape
 
 __all__ = ["HighPlaces", "find_high_places"]
 

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import frozen
-from skills.perception.inspection.diagnosis import diagnose
-from skills.perception.inspection.figures import (
+from foldcell.robots.ports import frozen
+from foldcell.skills.perception.inspection.diagnosis import diagnose
+from foldcell.skills.perception.inspection.figures import (
     extra_height,
     judged_area,
     left_behind,
@@ -18,18 +18,18 @@ from skills.perception.inspection.figures import (
     piled_area,
     upper_height,
 )
-from skills.perception.inspection.moved_edge import moved_edge
-from skills.perception.inspection.predicted_view import draw_shape, mask_iou, move_view, outline_of
-from skills.perception.inspection.result import FOLD_MARGIN, Inspection, InspectionSettings
-from skills.perception.inspection.target_view import FoldTarget, view_target
-from skills.perception.rectification.heights import height_above, smooth_height
-from skills.perception.rectification.table_view import TableView
-from skills.perception.registration.alignment import align, edge_deviation
-from skills.perception.segmentation.mask import Segmentation
-from skills.perception.settings import LITTER_SHARE
-from skills.perception.silhouette import find_silhouette
-from skills.perception.views import open_views
-from skills.vocabulary import (
+from foldcell.skills.perception.inspection.moved_edge import moved_edge
+from foldcell.skills.perception.inspection.predicted_view import draw_shape, mask_iou, move_view, outline_of
+from foldcell.skills.perception.inspection.result import FOLD_MARGIN, Inspection, InspectionSettings
+from foldcell.skills.perception.inspection.target_view import FoldTarget, view_target
+from foldcell.skills.perception.rectification.heights import height_above, smooth_height
+from foldcell.skills.perception.rectification.table_view import TableView
+from foldcell.skills.perception.registration.alignment import align, edge_deviation
+from foldcell.skills.perception.segmentation.mask import Segmentation
+from foldcell.skills.perception.settings import LITTER_SHARE
+from foldcell.skills.perception.silhouette import find_silhouette
+from foldcell.skills.perception.views import open_views
+from foldcell.skills.vocabulary import (
     CameraCalibration,
     CameraFrame,
     Failure,

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
-from robots.ports import Array
-from skills.fold_plan.folding import fold_xy
-from skills.perception.rectification.heights import smooth_height
-from skills.perception.rectification.table_view import TableView
-from skills.vocabulary import FoldStep, PredictedShape
+from foldcell.robots.ports import Array
+from foldcell.skills.fold_plan.folding import fold_xy
+from foldcell.skills.perception.rectification.heights import smooth_height
+from foldcell.skills.perception.rectification.table_view import TableView
+from foldcell.skills.vocabulary import FoldStep, PredictedShape
 
 __all__ = ["MovedEdge", "moved_edge"]
 

@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array
-from skills.perception.rectification.table_view import TableView
-from skills.perception.registration.boundary import longest_contour
-from skills.vocabulary import PredictedShape
+from foldcell.robots.ports import Array
+from foldcell.skills.perception.rectification.table_view import TableView
+from foldcell.skills.perception.registration.boundary import longest_contour
+from foldcell.skills.vocabulary import PredictedShape
 
 __all__ = ["draw_shape", "mask_iou", "move_view", "outline_of"]
 

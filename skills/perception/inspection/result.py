@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array
-from skills.perception.inspection.claim_settings import ClaimSettings
-from skills.perception.inspection.moved_edge import MovedEdge
-from skills.perception.inspection.target_view import TargetView
-from skills.perception.rectification.table_view import TableView
-from skills.perception.settings import PerceptionSettings
-from skills.vocabulary import FailureKind
+from foldcell.robots.ports import Array
+from foldcell.skills.perception.inspection.claim_settings import ClaimSettings
+from foldcell.skills.perception.inspection.moved_edge import MovedEdge
+from foldcell.skills.perception.inspection.target_view import TargetView
+from foldcell.skills.perception.rectification.table_view import TableView
+from foldcell.skills.perception.settings import PerceptionSettings
+from foldcell.skills.vocabulary import FailureKind
 
 __all__ = ["Inspection", "InspectionSettings"]
 

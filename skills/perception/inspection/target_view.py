@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from robots.ports import Array, frozen
-from skills.perception.inspection.predicted_view import draw_shape, mask_iou, move_view, outline_of
-from skills.perception.rectification.heights import smooth_height, upper
-from skills.perception.rectification.table_view import TableView
-from skills.perception.registration.alignment import align
-from skills.vocabulary import PredictedShape
+from foldcell.robots.ports import Array, frozen
+from foldcell.skills.perception.inspection.predicted_view import draw_shape, mask_iou, move_view, outline_of
+from foldcell.skills.perception.rectification.heights import smooth_height, upper
+from foldcell.skills.perception.rectification.table_view import TableView
+from foldcell.skills.perception.registration.alignment import align
+from foldcell.skills.vocabulary import PredictedShape
 
 __all__ = ["FoldTarget", "StackHeights", "TargetView", "stack_heights", "view_target"]
 

@@ -16,9 +16,9 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from skills.perception.outline import counter_clockwise, resample_closed
-from skills.plane import rotation
-from skills.vocabulary import Array, Corner, frozen
+from foldcell.skills.perception.outline import counter_clockwise, resample_closed
+from foldcell.skills.plane import rotation
+from foldcell.skills.vocabulary import Array, Corner, frozen
 
 __all__ = ["Placement", "convex_corners", "place_outline"]
 

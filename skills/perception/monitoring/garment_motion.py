@@ -8,16 +8,16 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from robots.ports import Array
-from skills.perception.rectification.heights import smooth_height
-from skills.perception.registration.alignment import align, edge_deviation
-from skills.perception.segmentation.mask import Mask
-from skills.perception.segmentation.reference import segment_reference
-from skills.perception.segmentation.table_model import KNOWN_SHARE
-from skills.perception.settings import PerceptionSettings
-from skills.perception.silhouette import find_silhouette
-from skills.perception.views import Views
-from skills.vocabulary import Outcome
+from foldcell.robots.ports import Array
+from foldcell.skills.perception.rectification.heights import smooth_height
+from foldcell.skills.perception.registration.alignment import align, edge_deviation
+from foldcell.skills.perception.segmentation.mask import Mask
+from foldcell.skills.perception.segmentation.reference import segment_reference
+from foldcell.skills.perception.segmentation.table_model import KNOWN_SHARE
+from foldcell.skills.perception.settings import PerceptionSettings
+from foldcell.skills.perception.silhouette import find_silhouette
+from foldcell.skills.perception.views import Views
+from foldcell.skills.vocabulary import Outcome
 
 __all__ = ["GarmentMotion", "displaced_boundary", "measure_motion"]
 

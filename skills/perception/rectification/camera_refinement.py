@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array, frozen
-from skills.vocabulary import CameraCalibration, CameraFrame, Failure, FailureKind, Outcome, Table
+from foldcell.robots.ports import Array, frozen
+from foldcell.skills.vocabulary import CameraCalibration, CameraFrame, Failure, FailureKind, Outcome, Table
 
 __all__ = ["refine_calibration", "tilted_table"]
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from skills.perception.rectification.table_view import RectifiedView
+from foldcell.skills.perception.rectification.table_view import RectifiedView
 
 __all__ = ["LOFTY", "garment_height", "height_above", "smooth_height", "table_height", "upper"]
 

@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array, CameraFrame
-from skills.vocabulary import CameraCalibration, Table
+from foldcell.robots.ports import Array, CameraFrame
+from foldcell.skills.vocabulary import CameraCalibration, Table
 
 __all__ = ["RectifiedView", "TableView"]
 

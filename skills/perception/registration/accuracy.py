@@ -17,11 +17,11 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.special import stdtr
 
-from robots.ports import Array
-from skills.perception.outline import GarmentOutline, smooth_closed
-from skills.perception.registration.details.picture_refinement import notches
-from skills.perception.registration.energy import Boundary
-from skills.perception.registration.register import Registration
+from foldcell.robots.ports import Array
+from foldcell.skills.perception.outline import GarmentOutline, smooth_closed
+from foldcell.skills.perception.registration.details.picture_refinement import notches
+from foldcell.skills.perception.registration.energy import Boundary
+from foldcell.skills.perception.registration.register import Registration
 
 __all__ = ["keypoint_sigmas", "probability_within"]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from robots.ports import Array
-from skills.perception.registration.energy import Boundary, closest_segments
-from skills.plane import rotation
+from foldcell.robots.ports import Array
+from foldcell.skills.perception.registration.energy import Boundary, closest_segments
+from foldcell.skills.plane import rotation
 
 __all__ = ["align", "edge_deviation"]
 

@@ -13,8 +13,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array
-from skills.perception.registration.energy import Boundary
+from foldcell.robots.ports import Array
+from foldcell.skills.perception.registration.energy import Boundary
 
 __all__ = ["PLACE_SIGMA", "locate_bend"]
 

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array
-from skills.perception.outline import segment_lengths
-from skills.perception.registration.energy import Boundary, closest_segments
-from skills.plane import rotation
+from foldcell.robots.ports import Array
+from foldcell.skills.perception.outline import segment_lengths
+from foldcell.skills.perception.registration.energy import Boundary, closest_segments
+from foldcell.skills.plane import rotation
 
 __all__ = ["lay_body"]
 

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array
-from skills.perception.outline import outward_normals, smooth_closed
+from foldcell.robots.ports import Array
+from foldcell.skills.perception.outline import outward_normals, smooth_closed
 
 __all__ = ["longest_contour", "refine_boundary", "sample"]
 

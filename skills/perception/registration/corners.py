@@ -10,11 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array
-from skills.perception.outline import interior_angles, polygon_area, segment_lengths
-from skills.perception.registration.bend import locate_bend
-from skills.perception.registration.body import lay_body
-from skills.perception.registration.energy import Boundary, closest_segments
+from foldcell.robots.ports import Array
+from foldcell.skills.perception.outline import interior_angles, polygon_area, segment_lengths
+from foldcell.skills.perception.registration.bend import locate_bend
+from foldcell.skills.perception.registration.body import lay_body
+from foldcell.skills.perception.registration.energy import Boundary, closest_segments
 
 __all__ = ["HOLLOW_ANGLE", "NOTCH_ANGLE", "least_turn", "set_corners"]
 

@@ -20,9 +20,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array
-from skills.compiled import cached
-from skills.perception.outline import (
+from foldcell.robots.ports import Array
+from foldcell.skills.compiled import cached
+from foldcell.skills.perception.outline import (
     counter_clockwise,
     interior_angles,
     outward_normals,

@@ -17,8 +17,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array, frozen
-from skills.perception.outline import (
+from foldcell.robots.ports import Array, frozen
+from foldcell.skills.perception.outline import (
     GarmentOutline,
     MemberOutline,
     counter_clockwise,
@@ -27,15 +27,15 @@ from skills.perception.outline import (
     segment_lengths,
     symmetries,
 )
-from skills.perception.registration.corners import HOLLOW_ANGLE, NOTCH_ANGLE, least_turn, set_corners
-from skills.perception.registration.energy import (
+from foldcell.skills.perception.registration.corners import HOLLOW_ANGLE, NOTCH_ANGLE, least_turn, set_corners
+from foldcell.skills.perception.registration.energy import (
     Boundary,
     EnergyWeights,
     closest_segments,
     contour_terms,
     solve_damped,
 )
-from skills.plane import rotation
+from foldcell.skills.plane import rotation
 
 __all__ = ["FitSettings", "Registration", "Start", "best_starts", "fit", "register"]
 

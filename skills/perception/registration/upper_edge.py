@@ -17,9 +17,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robots.ports import Array
-from skills.perception.outline import polygon_area
-from skills.perception.registration.energy import Boundary
+from foldcell.robots.ports import Array
+from foldcell.skills.perception.outline import polygon_area
+from foldcell.skills.perception.registration.energy import Boundary
 
 __all__ = ["locate_upper_edge"]
 

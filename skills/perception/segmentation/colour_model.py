@@ -6,9 +6,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from robots.ports import Array
-from skills.compiled import cached
-from skills.perception.segmentation.mask import Field, Image, Mask
+from foldcell.robots.ports import Array
+from foldcell.skills.compiled import cached
+from foldcell.skills.perception.segmentation.mask import Field, Image, Mask
 
 __all__ = ["FLOOR", "cluster_colours", "colour_likelihood", "log_colour", "noise_scale", "opponent"]
 

@@ -9,14 +9,14 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from skills.perception.segmentation.colour_model import (
+from foldcell.skills.perception.segmentation.colour_model import (
     cluster_colours,
     colour_likelihood,
     log_colour,
     noise_scale,
     opponent,
 )
-from skills.perception.segmentation.mask import (
+from foldcell.skills.perception.segmentation.mask import (
     Field,
     Image,
     Mask,
@@ -27,7 +27,7 @@ from skills.perception.segmentation.mask import (
     outlined,
     reduced,
 )
-from skills.perception.segmentation.table_model import fit_table
+from foldcell.skills.perception.segmentation.table_model import fit_table
 
 __all__ = ["segment_grabcut"]
 

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array
-from skills.perception.registration.boundary import refine_boundary
+from foldcell.robots.ports import Array
+from foldcell.skills.perception.registration.boundary import refine_boundary
 
 __all__ = [
     "SMALLEST_AREA", "Field", "Image", "Mask", "Segmentation", "closed", "empty_segmentation", "eroded", "fill",

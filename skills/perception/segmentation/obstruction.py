@@ -11,11 +11,11 @@ from collections.abc import Mapping
 import cv2
 import numpy as np
 
-from skills.perception.rectification.heights import smooth_height
-from skills.perception.rectification.table_view import BELOW, RectifiedView, TableView
-from skills.perception.segmentation.mask import Field, Mask, eroded
-from skills.perception.segmentation.table_model import KNOWN_SHARE
-from skills.vocabulary import Failure, FailureKind
+from foldcell.skills.perception.rectification.heights import smooth_height
+from foldcell.skills.perception.rectification.table_view import BELOW, RectifiedView, TableView
+from foldcell.skills.perception.segmentation.mask import Field, Mask, eroded
+from foldcell.skills.perception.segmentation.table_model import KNOWN_SHARE
+from foldcell.skills.vocabulary import Failure, FailureKind
 
 __all__ = ["find_obstruction", "obstructed", "obstruction_failure", "standing_parts"]
 

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from robots.ports import Array
-from skills.perception.outline import outward_normals, smooth_closed
-from skills.perception.registration.boundary import longest_contour, refine_boundary, sample
-from skills.perception.segmentation.mask import (
+from foldcell.robots.ports import Array
+from foldcell.skills.perception.outline import outward_normals, smooth_closed
+from foldcell.skills.perception.registration.boundary import longest_contour, refine_boundary, sample
+from foldcell.skills.perception.segmentation.mask import (
     SMALLEST_AREA,
     Field,
     Image,

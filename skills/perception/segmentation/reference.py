@@ -11,9 +11,14 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from skills.perception.rectification.heights import smooth_height
-from skills.perception.segmentation.colour_model import colour_likelihood, log_colour, noise_scale, opponent
-from skills.perception.segmentation.mask import (
+from foldcell.skills.perception.rectification.heights import smooth_height
+from foldcell.skills.perception.segmentation.colour_model import (
+    colour_likelihood,
+    log_colour,
+    noise_scale,
+    opponent,
+)
+from foldcell.skills.perception.segmentation.mask import (
     SMALLEST_AREA,
     Field,
     Image,
@@ -24,7 +29,7 @@ from skills.perception.segmentation.mask import (
     opened,
     outlined,
 )
-from skills.perception.segmentation.table_model import (
+from foldcell.skills.perception.segmentation.table_model import (
     DEEPEST_SHADOW,
     KNOWN_SHARE,
     fit_table,

@@ -6,10 +6,10 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from robots.ports import Array
-from skills.perception.rectification.heights import smooth_height
-from skills.perception.segmentation.colour_model import FLOOR, log_colour
-from skills.perception.segmentation.mask import Field, Image, Mask, eroded
+from foldcell.robots.ports import Array
+from foldcell.skills.perception.rectification.heights import smooth_height
+from foldcell.skills.perception.segmentation.colour_model import FLOOR, log_colour
+from foldcell.skills.perception.segmentation.mask import Field, Image, Mask, eroded
 
 __all__ = [
     "DEEPEST_SHADOW",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from skills.perception.segmentation.mask import Image, Mask, Segmentation, outlined
+from foldcell.skills.perception.segmentation.mask import Image, Mask, Segmentation, outlined
 
 __all__ = ["segment_watershed"]
 

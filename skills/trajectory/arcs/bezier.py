@@ -6,7 +6,7 @@ from math import comb
 
 import numpy as np
 
-from skills.vocabulary import Array
+from foldcell.skills.vocabulary import Array
 
 __all__ = ["PAPER_H", "arc_controls", "arc_lengths", "bernstein", "evaluate"]
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skills.vocabulary import Array, FoldStep, GraspId
+from foldcell.skills.vocabulary import Array, FoldStep, GraspId
 
 __all__ = ["FoldFrame", "frames_of", "grasp_ends"]
 

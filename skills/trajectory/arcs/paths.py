@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skills.trajectory.arcs.bezier import arc_lengths, evaluate
-from skills.vocabulary import Array, FoldStep, GraspId, GraspTrajectory, ToolPath, frozen
+from foldcell.skills.trajectory.arcs.bezier import arc_lengths, evaluate
+from foldcell.skills.vocabulary import Array, FoldStep, GraspId, GraspTrajectory, ToolPath, frozen
 
 __all__ = ["LIFT_HEIGHT", "SpeedLaw", "after_lift", "fold_duration", "fold_paths", "lifted", "tool_paths"]
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from skills.fold_plan.repair import RepairGoal, RepairPlan
-from skills.trajectory.arcs.bezier import arc_controls
-from skills.trajectory.arcs.frame import FoldFrame, frames_of
-from skills.vocabulary import Array, GraspId, ToolPath, frozen
+from foldcell.skills.fold_plan.repair import RepairGoal, RepairPlan
+from foldcell.skills.trajectory.arcs.bezier import arc_controls
+from foldcell.skills.trajectory.arcs.frame import FoldFrame, frames_of
+from foldcell.skills.vocabulary import Array, GraspId, ToolPath, frozen
 
 __all__ = ["repair_arcs", "turned_paths"]
 

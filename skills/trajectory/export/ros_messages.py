@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from robots.ports import Array
+from foldcell.robots.ports import Array
 
 __all__ = ["joint_trajectory", "pose_trajectory"]
 

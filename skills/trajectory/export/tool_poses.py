@@ -11,8 +11,8 @@ import numpy as np
 import yaml
 from scipy.spatial.transform import Rotation
 
-from skills.trajectory.export.ros_messages import pose_trajectory
-from skills.vocabulary import Array, ToolPath, frozen
+from foldcell.skills.trajectory.export.ros_messages import pose_trajectory
+from foldcell.skills.vocabulary import Array, ToolPath, frozen
 
 __all__ = ["COLUMNS", "MARKS", "pose_rows", "tool_poses_text"]
 

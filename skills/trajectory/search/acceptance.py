@@ -9,7 +9,7 @@ from __future__ import annotations
 from scipy.spatial import ConvexHull
 from scipy.spatial.distance import pdist
 
-from skills.vocabulary import Array, Failure, FailureKind
+from foldcell.skills.vocabulary import Array, Failure, FailureKind
 
 __all__ = ["NEARLY", "acceptance_limit", "gains_as_promised", "judge_prediction"]
 

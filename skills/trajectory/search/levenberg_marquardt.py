@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skills.vocabulary import Array
+from foldcell.skills.vocabulary import Array
 
 __all__ = ["LeastSquares", "SecantOptions", "secant_levenberg_marquardt"]
 

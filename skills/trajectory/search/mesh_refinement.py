@@ -8,12 +8,12 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from skills.cloth.mesh import ClothMesh
-from skills.fold_plan.crease_mesh import mesh_near_creases
-from skills.fold_plan.folding import crease_segments
-from skills.plane import barycentric
-from skills.trajectory.search.problem import FoldProblem
-from skills.vocabulary import Array
+from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.fold_plan.crease_mesh import mesh_near_creases
+from foldcell.skills.fold_plan.folding import crease_segments
+from foldcell.skills.plane import barycentric
+from foldcell.skills.trajectory.search.problem import FoldProblem
+from foldcell.skills.vocabulary import Array
 
 __all__ = ["carried", "refined"]
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from skills.vocabulary import Array
+from foldcell.skills.vocabulary import Array
 
 __all__ = ["ALPHA", "cost", "dissimilarity"]
 

@@ -9,16 +9,28 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skills.cloth.mesh import ClothMesh
-from skills.cloth.pinch import PadGeometry
-from skills.cloth.predict import predict_fold
-from skills.trajectory.arcs.bezier import PAPER_H, arc_controls
-from skills.trajectory.arcs.paths import LIFT_HEIGHT, tool_paths
-from skills.trajectory.search.acceptance import NEARLY, acceptance_limit, gains_as_promised, judge_prediction
-from skills.trajectory.search.levenberg_marquardt import SecantOptions, secant_levenberg_marquardt
-from skills.trajectory.search.problem import MAX_HEIGHT, Candidate, Controls, Evaluator, FoldProblem, Predictor
-from skills.trajectory.search.robust import MARGIN, most_robust, simulations
-from skills.vocabulary import (
+from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.cloth.pinch import PadGeometry
+from foldcell.skills.cloth.predict import predict_fold
+from foldcell.skills.trajectory.arcs.bezier import PAPER_H, arc_controls
+from foldcell.skills.trajectory.arcs.paths import LIFT_HEIGHT, tool_paths
+from foldcell.skills.trajectory.search.acceptance import (
+    NEARLY,
+    acceptance_limit,
+    gains_as_promised,
+    judge_prediction,
+)
+from foldcell.skills.trajectory.search.levenberg_marquardt import SecantOptions, secant_levenberg_marquardt
+from foldcell.skills.trajectory.search.problem import (
+    MAX_HEIGHT,
+    Candidate,
+    Controls,
+    Evaluator,
+    FoldProblem,
+    Predictor,
+)
+from foldcell.skills.trajectory.search.robust import MARGIN, most_robust, simulations
+from foldcell.skills.vocabulary import (
     Array,
     Failure,
     FailureKind,

@@ -11,14 +11,14 @@ from typing import Protocol
 
 import numpy as np
 
-from robots.errors import CellError
-from skills.cloth.mesh import ClothMesh
-from skills.fold_plan.folding import target_vertices
-from skills.trajectory.arcs.bezier import arc_lengths
-from skills.trajectory.arcs.frame import FoldFrame, frames_of
-from skills.trajectory.arcs.paths import LIFT_HEIGHT, fold_duration, fold_paths, lifted
-from skills.trajectory.search.objective import cost, dissimilarity
-from skills.vocabulary import Array, FoldStep, GraspId, Material, ToolPath
+from foldcell.robots.errors import CellError
+from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.fold_plan.folding import target_vertices
+from foldcell.skills.trajectory.arcs.bezier import arc_lengths
+from foldcell.skills.trajectory.arcs.frame import FoldFrame, frames_of
+from foldcell.skills.trajectory.arcs.paths import LIFT_HEIGHT, fold_duration, fold_paths, lifted
+from foldcell.skills.trajectory.search.objective import cost, dissimilarity
+from foldcell.skills.vocabulary import Array, FoldStep, GraspId, Material, ToolPath
 
 __all__ = ["MAX_HEIGHT", "Candidate", "Controls", "Evaluator", "FoldProblem", "Mishap", "Predictor"]
 

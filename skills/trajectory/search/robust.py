@@ -14,9 +14,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from skills.trajectory.search.mesh_refinement import refined
-from skills.trajectory.search.problem import Candidate, Evaluator, FoldProblem, Mishap
-from skills.vocabulary import Array, GraspId
+from foldcell.skills.trajectory.search.mesh_refinement import refined
+from foldcell.skills.trajectory.search.problem import Candidate, Evaluator, FoldProblem, Mishap
+from foldcell.skills.vocabulary import Array, GraspId
 
 __all__ = ["MARGIN", "MISHAPS", "most_robust", "simulations"]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.cell import journal
-from cell.commands.installation.bench import BENCHES
+from foldcell.cell.commands.installation.bench import BENCHES
 
 ROOT = Path(__file__).parents[3]
 MODULES = sorted(

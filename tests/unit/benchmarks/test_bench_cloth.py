@@ -13,12 +13,12 @@ import benchmarks.cloth as bench
 from benchmarks.cloth.results import page
 from benchmarks.cloth.scenes import MATERIAL, TOWEL, frames_of, mirrored, shirt_folds, towel_half, towel_mesh
 from benchmarks.cloth.strain import edge_strains, on_the_line
-from cell.commands.main import main
-from robots.errors import ConfigurationError
-from robots.ports import Array
-from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.cloth.predict import predict_fold
-from skills.cloth.strain import TURN, reach, turns
+from foldcell.cell.commands.main import main
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.ports import Array
+from foldcell.skills.cloth.mesh import ClothMesh, mesh_from_contour
+from foldcell.skills.cloth.predict import predict_fold
+from foldcell.skills.cloth.strain import TURN, reach, turns
 from tests.optional_parts import MUJOCO
 
 

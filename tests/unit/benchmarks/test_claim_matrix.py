@@ -13,10 +13,10 @@ from benchmarks.claim_matrix import false_claims, page
 from benchmarks.claims.stage import Stage, judge_shown, open_stage
 from benchmarks.claims.verdicts import Verdict, caught_by
 from benchmarks.score_matrix import in_own_frame
-from cell.config.garments.garment_file import load_garment
-from skills.fold_plan.folding import target_vertices
-from skills.fold_plan.plan import ways_to_fold
-from skills.vocabulary import Array
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.skills.fold_plan.folding import target_vertices
+from foldcell.skills.fold_plan.plan import ways_to_fold
+from foldcell.skills.vocabulary import Array
 from tests.inspections import a_claim
 
 TOWEL = "small_towel"

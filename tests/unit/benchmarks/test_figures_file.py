@@ -13,7 +13,7 @@ import pytest
 
 from benchmarks.figures_file import read_figures
 from benchmarks.perception import document
-from robots.errors import ConfigurationError
+from foldcell.robots.errors import ConfigurationError
 
 PAGES = {
     "benchmarks.cloth.results": "bench cloth",

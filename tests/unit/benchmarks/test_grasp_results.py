@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from benchmarks.grasp_results import page, read_grasps
-from cell.journal.journal import Journal
+from foldcell.cell.journal.journal import Journal
 
 MISSED = {"event": "failed", "kind": "missed_grasp", "what": "the left hand holds 2 layers, not 4"}
 LOST = {"event": "failed", "kind": "missed_grasp", "what": "the left hand lost the cloth while lifting it"}

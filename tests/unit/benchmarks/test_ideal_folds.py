@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from benchmarks.attainable_dissimilarity import d_relax, distance_to_target, ideal_fold, mapped_fold, settled
-from cell.config.garments.garment_file import load_garment
-from skills.cloth.intersections.crossings import count_crossings
-from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.cloth.settings import SolverSettings
-from skills.cloth.solver import ClothSimulation
-from skills.fold_plan.folding import fold_xy, target_vertices
-from skills.fold_plan.turned_fold import turned_over
-from skills.vocabulary import FoldLine, frozen
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.skills.cloth.intersections.crossings import count_crossings
+from foldcell.skills.cloth.mesh import ClothMesh, mesh_from_contour
+from foldcell.skills.cloth.settings import SolverSettings
+from foldcell.skills.cloth.solver import ClothSimulation
+from foldcell.skills.fold_plan.folding import fold_xy, target_vertices
+from foldcell.skills.fold_plan.turned_fold import turned_over
+from foldcell.skills.vocabulary import FoldLine, frozen
 
 FABRIC = load_garment("medium_towel", "bare_table").material
 SHEET = np.array([[0.4, -0.25], [0.8, -0.25], [0.8, 0.25], [0.4, 0.25]])

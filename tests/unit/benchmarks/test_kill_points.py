@@ -15,7 +15,7 @@ import pytest
 from benchmarks.kill_points import boundaries, met, page
 from benchmarks.kills.durable_writes import DurableWrite, read_writes
 from benchmarks.kills.outcome import Outcome, Resumed, lost, place_of, resume_event
-from cell.journal.journal import Entry, Journal, JournalRun
+from foldcell.cell.journal.journal import Entry, Journal, JournalRun
 
 PASSED = Resumed(0, {"result": "folded", "score": {"passed": True}}, "look_again")
 
@@ -23,10 +23,10 @@ DIES = """
 import os, sys
 from pathlib import Path
 from benchmarks.kills import durable_writes
-from cell.commands import main as command
-from cell.journal.journal import Journal
-from cell.runs.checkpoint_writer import CheckpointWriter
-from cell.states.run_context import RunContext
+from foldcell.cell.commands import main as command
+from foldcell.cell.journal.journal import Journal
+from foldcell.cell.runs.checkpoint_writer import CheckpointWriter
+from foldcell.cell.states.run_context import RunContext
 
 def run(line):
     with Journal.open(Path(line[0]) / "journal.db") as journal:

@@ -14,7 +14,7 @@ from benchmarks.optimise import _worst, cases
 from benchmarks.optimise.kept import Kept, fingerprint
 from benchmarks.optimise.lookups import summary_of_lookups
 from benchmarks.optimise.results import page
-from skills.vocabulary import GraspId
+from foldcell.skills.vocabulary import GraspId
 
 
 def row(step: str, method: str, d: float | None, initial: float = 10.0, relaxed: float = 5.0, **more: Any) -> dict:

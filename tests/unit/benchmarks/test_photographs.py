@@ -13,7 +13,7 @@ from benchmarks.photographs.judge import calibration_error
 from benchmarks.photographs.lens import random_camera
 from benchmarks.photographs.photograph import draw, placed
 from benchmarks.photographs.shapes import GARMENTS, Garment
-from cell.config.garments.garment_file import load_garment
+from foldcell.cell.config.garments.garment_file import load_garment
 
 rng_of = np.random.default_rng
 

@@ -17,7 +17,7 @@ from benchmarks.photographs.real.outlines import MOST, bases, flat, mirrored, wa
 from benchmarks.photographs.real.photograph import CATEGORIES, CAUSES, _other, draw, place, white_cloth
 from benchmarks.photographs.real.spoilt import bunched_sleeve, folded_in_half, heap
 from benchmarks.photographs.real.things import NEAR, surround
-from cell.config.garments.garment_file import load_garment
+from foldcell.cell.config.garments.garment_file import load_garment
 
 rng_of = np.random.default_rng
 SHIPPED = {"long_sleeve_shirt": "long_sleeve_shirt_small", "towel": "medium_towel"}

@@ -8,8 +8,8 @@ import pytest
 
 from benchmarks.reference.failures import CAUSES, Message, _of_file
 from benchmarks.reference.pages import FOLDER, pages
-from cell.record.words import plain
-from robots.errors import FailureKind
+from foldcell.cell.record.words import plain
+from foldcell.robots.errors import FailureKind
 
 PAGES = pages()
 

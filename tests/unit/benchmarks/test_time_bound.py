@@ -7,10 +7,10 @@ import pytest
 
 from benchmarks.motion.bound import time_bound
 from benchmarks.motion.folds import hermite, peak_shares
-from robots.baxter.robot import load_model
-from robots.ports import Array
-from skills.motion.moves.rrt_connect import blend_corners
-from skills.motion.timing.timing import free_motion, join, time_path
+from foldcell.robots.baxter.robot import load_model
+from foldcell.robots.ports import Array
+from foldcell.skills.motion.moves.rrt_connect import blend_corners
+from foldcell.skills.motion.timing.timing import free_motion, join, time_path
 
 LIMITS = load_model().planning
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from calibration.effects import ANSWERABLE, Effect, Note
-from robots.baxter.robot import load_model
-from robots.model import RobotModel
-from skills.vocabulary import Outcome
+from foldcell.calibration.effects import ANSWERABLE, Effect, Note
+from foldcell.robots.baxter.robot import load_model
+from foldcell.robots.model import RobotModel
+from foldcell.skills.vocabulary import Outcome
 
 RecordedAnswers = Mapping[type, Callable[[Any], Outcome]]
 

@@ -6,12 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.board import BOARD, BoardView, find_board
-from calibration.camera import calibrate_camera, fit_intrinsics
-from calibration.effects import Bring, Look, Note, Sight
-from robots.errors import FailureKind
-from robots.ports import BoardPlace, CameraFrame, Intrinsics
-from skills.vocabulary import Outcome
+from foldcell.calibration.board import BOARD, BoardView, find_board
+from foldcell.calibration.camera import calibrate_camera, fit_intrinsics
+from foldcell.calibration.effects import Bring, Look, Note, Sight
+from foldcell.robots.errors import FailureKind
+from foldcell.robots.ports import BoardPlace, CameraFrame, Intrinsics
+from foldcell.skills.vocabulary import Outcome
 from tests.unit.calibration.conftest import run
 
 K = Intrinsics(640, 480, 571.0, 583.0, 316.2, 243.9)

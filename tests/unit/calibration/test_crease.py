@@ -6,10 +6,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from calibration.crease import calibrate_crease, check_crease, load_pressure, press_coupons
-from robots.errors import ConfigurationError
-from skills.cloth.crease_set import STANDARD_PRESSURE
-from skills.vocabulary import CREASE_SET, Material
+from foldcell.calibration.crease import calibrate_crease, check_crease, load_pressure, press_coupons
+from foldcell.robots.errors import ConfigurationError
+from foldcell.skills.cloth.crease_set import STANDARD_PRESSURE
+from foldcell.skills.vocabulary import CREASE_SET, Material
 
 COTTON = Material(
     areal_mass=0.135, stretch_fraction=0.02, bending_length=math.sqrt(0.023 * 0.0152), thickness=4e-4,

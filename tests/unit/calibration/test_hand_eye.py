@@ -8,9 +8,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from calibration.board import BOARD, BoardView
-from calibration.effects import Bring, Grip, Look, Reach, Sight
-from calibration.hand_eye import (
+from foldcell.calibration.board import BOARD, BoardView
+from foldcell.calibration.effects import Bring, Grip, Look, Reach, Sight
+from foldcell.calibration.hand_eye import (
     HandEyeSettings,
     HandView,
     board_poses,
@@ -18,13 +18,13 @@ from calibration.hand_eye import (
     closed_form,
     fit_hand_eye,
 )
-from robots.baxter.camera_mount import MOUNT
-from robots.errors import Failure, FailureKind
-from robots.model import RobotModel
-from robots.ports import BoardPlace, CameraFrame, Side
-from robots.registry import find_robot
-from skills.motion.kinematics import ik
-from skills.vocabulary import CameraCalibration, Outcome, Table
+from foldcell.robots.baxter.camera_mount import MOUNT
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.model import RobotModel
+from foldcell.robots.ports import BoardPlace, CameraFrame, Side
+from foldcell.robots.registry import find_robot
+from foldcell.skills.motion.kinematics import ik
+from foldcell.skills.vocabulary import CameraCalibration, Outcome, Table
 
 TABLE = Table(-0.10, (0.20, 1.10), (-0.75, 0.75))
 CAMERA = CameraCalibration(MOUNT.intrinsics, np.linalg.inv(TABLE.T_base_table) @ MOUNT.T_base_camera(0.0))
@@ -215,7 +215,7 @@ def procedure(robot: RobotModel, monkeypatch: pytest.MonkeyPatch, cell: Cell, an
     pictures."""
     from tests.unit.calibration.conftest import run
 
-    monkeypatch.setattr("calibration.hand_eye.find_board", lambda rgb: cell.view())
+    monkeypatch.setattr("foldcell.calibration.hand_eye.find_board", lambda rgb: cell.view())
     frame = CameraFrame(
         0.0, 1, np.zeros((480, 640, 3), np.uint8), np.ones((480, 640), np.float32), MOUNT.intrinsics
     )

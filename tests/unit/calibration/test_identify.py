@@ -6,8 +6,8 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibration import identify
-from calibration.identify import (
+from foldcell.calibration import identify
+from foldcell.calibration.identify import (
     BOUND,
     FRICTIONS,
     Candidates,
@@ -17,10 +17,10 @@ from calibration.identify import (
     predict_candidates,
     silhouette,
 )
-from skills.cloth.mesh import mesh_from_contour
-from skills.cloth.predict import predict_fold
-from skills.trajectory.arcs.paths import fold_paths
-from skills.vocabulary import GraspId, Material
+from foldcell.skills.cloth.mesh import mesh_from_contour
+from foldcell.skills.cloth.predict import predict_fold
+from foldcell.skills.trajectory.arcs.paths import fold_paths
+from foldcell.skills.vocabulary import GraspId, Material
 
 MU = 0.45
 BELIEVED = Material(0.4, 0.03, 0.012, 0.0025, MU, 0.85 * MU, 0.6)

@@ -8,10 +8,10 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from calibration import shear
-from calibration.bending import bending_length, calibrate_bending, cantilever
-from calibration.friction import calibrate_friction, friction_angle, tilted
-from calibration.shear import (
+from foldcell.calibration import shear
+from foldcell.calibration.bending import bending_length, calibrate_bending, cantilever
+from foldcell.calibration.friction import calibrate_friction, friction_angle, tilted
+from foldcell.calibration.shear import (
     CLIP,
     calibrate_shear,
     clip_and_lowest,
@@ -20,9 +20,9 @@ from calibration.shear import (
     hung_shape,
     stretch_fraction,
 )
-from cell.config.garments.garment_file import list_garments, load_garment
-from robots.errors import ConfigurationError
-from skills.vocabulary import REFERENCE_DROP, Material
+from foldcell.cell.config.garments.garment_file import list_garments, load_garment
+from foldcell.robots.errors import ConfigurationError
+from foldcell.skills.vocabulary import REFERENCE_DROP, Material
 
 MATERIAL = Material(0.4, 0.03, 0.02, 0.003, 0.6, 0.55, 0.5)
 TOWEL = np.array([[-0.15, -0.21], [0.15, -0.21], [0.15, 0.21], [-0.15, 0.21]])

@@ -19,7 +19,7 @@ def test_both_solvers_fold_a_coarse_towel_alike():
     """Two independent solvers with the same mesh, fabric and pads: the folds agree to a few millimetres."""
     from benchmarks.cloth import mujoco_peer
     from benchmarks.cloth.scenes import SharedFold, mirrored, towel_half, towel_mesh
-    from skills.cloth.predict import predict_fold
+    from foldcell.skills.cloth.predict import predict_fold
 
     mesh, material = towel_mesh(110)
     fold = SharedFold(mesh, material, towel_half(), lambda x: mirrored(mesh, material, x))

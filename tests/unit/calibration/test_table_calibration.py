@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.effects import Bring, Reach, Touch, TouchReadings
-from calibration.table import MOST_POINTS, calibrate_table, check_points, contact_height, fit_plane
-from robots.errors import ConfigurationError, Failure, FailureKind
-from robots.ports import Side
-from skills.vocabulary import Outcome, Table
+from foldcell.calibration.effects import Bring, Reach, Touch, TouchReadings
+from foldcell.calibration.table import MOST_POINTS, calibrate_table, check_points, contact_height, fit_plane
+from foldcell.robots.errors import ConfigurationError, Failure, FailureKind
+from foldcell.robots.ports import Side
+from foldcell.skills.vocabulary import Outcome, Table
 from tests.unit.calibration.conftest import run
 
 TABLE = Table(-0.10, (0.20, 1.10), (-0.75, 0.75))

@@ -7,19 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.effects import RecordTactile, TactileRecording, Touch
-from calibration.tactile import (
+from foldcell.calibration.effects import RecordTactile, TactileRecording, Touch
+from foldcell.calibration.tactile import (
     FingerFigures,
     calibrate_tactile,
     false_contacts,
     finger_figures,
     thresholds,
 )
-from robots.errors import FailureKind
-from robots.ports import Side, TactileReading
-from skills.grasping.confirm import CONFIRM_READINGS
-from skills.grasping.tare import TARE_READINGS
-from skills.vocabulary import Outcome, Table
+from foldcell.robots.errors import FailureKind
+from foldcell.robots.ports import Side, TactileReading
+from foldcell.skills.grasping.confirm import CONFIRM_READINGS
+from foldcell.skills.grasping.tare import TARE_READINGS
+from foldcell.skills.vocabulary import Outcome, Table
 from tests.unit.calibration.conftest import run
 from tests.unit.calibration.test_table_calibration import TABLE, press
 
@@ -143,7 +143,7 @@ def test_false_contacts_are_counted_over_the_horizon_after_a_late_first_reading(
 
 def test_readings_shorter_than_the_horizon_report_zero_windows(monkeypatch: pytest.MonkeyPatch) -> None:
     """Zero windows are reported, because 0 of 0 would look as good as 0 of 12."""
-    monkeypatch.setattr("calibration.tactile.false_contacts", lambda *_: (0, 0))
+    monkeypatch.setattr("foldcell.calibration.tactile.false_contacts", lambda *_: (0, 0))
     heard = Outcome(TactileRecording({side: tuple(readings(seed)) for seed, side in enumerate(Side)}))
     answers = {RecordTactile: lambda _: heard, Touch: lambda e: Outcome(press(-0.1, side=e.side))}
     refused = run(calibrate_tactile(TABLE), answers)[0].failure

@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 import synthetic_run as show
 
-from cell.record.run_record import FoldRecord, GraspRecord, RunEvent, RunRecord
-from cell.report.page import FoldPictures, Picture, ReportPictures
-from cell.report.pictures.fold_pictures import KeyFrame, fold_strip
-from robots.errors import FailureKind
-from skills.fold_figures.outline import outline
+from foldcell.cell.record.run_record import FoldRecord, GraspRecord, RunEvent, RunRecord
+from foldcell.cell.report.page import FoldPictures, Picture, ReportPictures
+from foldcell.cell.report.pictures.fold_pictures import KeyFrame, fold_strip
+from foldcell.robots.errors import FailureKind
+from foldcell.skills.fold_figures.outline import outline
 from tests.builders.records import run_record, score_record
 
 LIMITS = {

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from cell.states.transition_table import State
-from cell.view.recorder import Recorder, RecorderReport
-from robots.baxter.robot import load_model
-from robots.ports import Array, CameraFrame, GripperState, Intrinsics, JointState, Side, TactileReading
-from skills.motion.kinematics.ik import solve_seeds
-from skills.vocabulary import (
+from foldcell.cell.states.transition_table import State
+from foldcell.cell.view.recorder import Recorder, RecorderReport
+from foldcell.robots.baxter.robot import load_model
+from foldcell.robots.ports import Array, CameraFrame, GripperState, Intrinsics, JointState, Side, TactileReading
+from foldcell.skills.motion.kinematics.ik import solve_seeds
+from foldcell.skills.vocabulary import (
     CameraCalibration,
     FoldLine,
     FoldStep,

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 import foldcell
-from cell.config.cell_settings import load_settings
-from cell.runs import fold_run
-from cell.states.fold_request import FoldRequest
-from cell.support.files.paths import journal_path
 from foldcell.arguments import flag, number, path, text, whole
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.runs import fold_run
+from foldcell.cell.states.fold_request import FoldRequest
+from foldcell.cell.support.files.paths import journal_path
 
 LATIN = "sh\udce9et.png"  # the file name b"sh\xe9et.png"
 

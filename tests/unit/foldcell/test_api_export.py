@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import foldcell
-from robots.errors import Failure, FailureKind
+from foldcell.robots.errors import Failure, FailureKind
 
 
 def fold(garment: str = "towel", name: str = "half", arcs: bool = True) -> foldcell.OptimisedFold:

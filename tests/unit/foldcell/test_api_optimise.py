@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import foldcell
-from cell.config.garments.garment_file import load_garment
-from skills.fold_plan.plan import plan_folds
-from skills.trajectory.arcs.bezier import arc_controls
-from skills.vocabulary import GraspId
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.trajectory.arcs.bezier import arc_controls
+from foldcell.skills.vocabulary import GraspId
 
 
 def test_optimise_returns_the_initial_arcs_of_one_fold() -> None:

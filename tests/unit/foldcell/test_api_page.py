@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import foldcell
-from cell.config.garments.garment_file import load_garment
+from foldcell.cell.config.garments.garment_file import load_garment
 from tests.notebooks import performed
 from tests.runs import PLAIN
 

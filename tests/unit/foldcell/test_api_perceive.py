@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import foldcell
-from cell.config.cell_settings import load_settings
-from cell.hardware.camera import camera_calibration
-from robots.errors import FailureKind
-from robots.ports import CameraFrame
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.hardware.camera import camera_calibration
+from foldcell.robots.errors import FailureKind
+from foldcell.robots.ports import CameraFrame
 from tests.scenes import TOWEL_NAMES, render, towel_scene
 
 

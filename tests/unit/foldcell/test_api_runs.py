@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 
 import foldcell
-from cell.journal.journal import Journal
-from cell.record.run_record import FoldRecord
-from cell.states.transition_table import State
-from cell.support.files.paths import journal_path
+from foldcell.cell.journal.journal import Journal
+from foldcell.cell.record.run_record import FoldRecord
+from foldcell.cell.states.transition_table import State
+from foldcell.cell.support.files.paths import journal_path
 from tests.builders.records import run_record
 
 

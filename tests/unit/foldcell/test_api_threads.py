@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 
 import foldcell
-from cell.runs import fold_run
-from cell.support.files.picture_file import read_picture
-from cell.support.process.library_messages import captured_messages
+from foldcell.cell.runs import fold_run
+from foldcell.cell.support.files.picture_file import read_picture
+from foldcell.cell.support.process.library_messages import captured_messages
 
 THREADS = 8
 
@@ -118,7 +118,7 @@ def test_captures_may_be_nested(capfd: pytest.CaptureFixture[str]) -> None:
 
 FORKED = """
 import os, threading
-from cell.support.process.library_messages import captured_messages
+from foldcell.cell.support.process.library_messages import captured_messages
 captured, end = threading.Event(), threading.Event()
 def capture():
     with captured_messages():

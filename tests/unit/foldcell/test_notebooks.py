@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from cell.campaigns.perform_campaign import Workers, perform_campaign
-from cell.campaigns.trials.store import CampaignFolder
-from cell.campaigns.trials.trial import Trial
-from robots.errors import FailureKind
+from foldcell.cell.campaigns.perform_campaign import Workers, perform_campaign
+from foldcell.cell.campaigns.trials.store import CampaignFolder
+from foldcell.cell.campaigns.trials.trial import Trial
+from foldcell.robots.errors import FailureKind
 from tests.builders.campaigns import record, trials_campaign
 from tests.notebooks import performed
 from tests.optional_parts import PANDAS

@@ -7,12 +7,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from cell.hardware.robot_check import view_margins
-from robots.baxter.camera_mount import MOUNT
-from robots.baxter.robot import GRIPPER, load_model
-from robots.errors import ConfigurationError
-from robots.model import JointLimits, arm_chain
-from robots.ports import Side, arm_slice
+from foldcell.cell.hardware.robot_check import view_margins
+from foldcell.robots.baxter.camera_mount import MOUNT
+from foldcell.robots.baxter.robot import GRIPPER, load_model
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.model import JointLimits, arm_chain
+from foldcell.robots.ports import Side, arm_slice
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +61,7 @@ def test_invalid_limits_are_refused():
 
 @pytest.mark.parametrize("side", list(Side))
 def test_pads_close_along_the_tools_y_and_meet_at_its_origin(model, side):
-    """The convention of robots.ports agrees with the finger joints and tips of the URDF."""
+    """The convention of foldcell.robots.ports agrees with the finger joints and tips of the URDF."""
     pm = model.pin_model
     data = pm.createData()
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from robots.baxter.camera_mount import EYE, MOUNT, TARGET
-from robots.ports import Array
+from foldcell.robots.baxter.camera_mount import EYE, MOUNT, TARGET
+from foldcell.robots.ports import Array
 
 
 def pixel(point: Array, pan: float = 0.0) -> Array:

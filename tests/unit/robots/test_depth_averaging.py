@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from robots.depth_averaging import MAX_SPREAD, mean_depth
+from foldcell.robots.depth_averaging import MAX_SPREAD, mean_depth
 
 SHAPE = (40, 50)
 

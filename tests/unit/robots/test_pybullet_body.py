@@ -9,9 +9,9 @@ import numpy as np
 import pinocchio as pin
 import pybullet as pb
 
-from robots.baxter.robot import DESCRIPTION, GRIPPER, load_model
-from robots.ports import Array, Side
-from robots.urdf.converted import load_body, moving_urdf, seen_urdf
+from foldcell.robots.baxter.robot import DESCRIPTION, GRIPPER, load_model
+from foldcell.robots.ports import Array, Side
+from foldcell.robots.urdf.converted import load_body, moving_urdf, seen_urdf
 
 OPEN = dict.fromkeys(Side, GRIPPER.max_opening)
 STRETCHED = np.array([0.6, 0.0, 0.0, 0.05, 0.0, 0.0, 0.0, -0.6, 0.0, 0.0, 0.05, 0.0, 0.0, 0.0])

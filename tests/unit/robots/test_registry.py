@@ -11,14 +11,14 @@ from types import ModuleType
 
 import pytest
 
-from cell.config.cell_settings import load_settings
-from cell.hardware.driver import check_cell, stop_circuit
-from cell.hardware.robot_model import load_robot
-from cell.simulation import SimulationSettings
-from robots import registry
-from robots.baxter.robot import ROBOT
-from robots.errors import ConfigurationError
-from robots.registry import DEFAULT, GROUP, find_robot, list_robots
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.hardware.driver import check_cell, stop_circuit
+from foldcell.cell.hardware.robot_model import load_robot
+from foldcell.cell.simulation import SimulationSettings
+from foldcell.robots import registry
+from foldcell.robots.baxter.robot import ROBOT
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.registry import DEFAULT, GROUP, find_robot, list_robots
 
 ROOT = Path(__file__).resolve().parents[3]
 Bring = Callable[[str, object], None]

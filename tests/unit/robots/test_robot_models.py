@@ -7,16 +7,16 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from robots.baxter.robot import load_model
-from robots.model import RobotModel
-from robots.ports import Array, Side
-from robots.ur5_pair.robot import ROBOT as UR5_PAIR
-from skills.motion.kinematics import ik
-from skills.motion.moves.fold import plan_fold_motion
-from skills.motion.timing.timing import free_motion, peaks, time_path
-from skills.motion.validation.collision import CollisionChecker
-from skills.motion.validation.trajectory_check import check_trajectory
-from skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId, Table, ToolPath
+from foldcell.robots.baxter.robot import load_model
+from foldcell.robots.model import RobotModel
+from foldcell.robots.ports import Array, Side
+from foldcell.robots.ur5_pair.robot import ROBOT as UR5_PAIR
+from foldcell.skills.motion.kinematics import ik
+from foldcell.skills.motion.moves.fold import plan_fold_motion
+from foldcell.skills.motion.timing.timing import free_motion, peaks, time_path
+from foldcell.skills.motion.validation.collision import CollisionChecker
+from foldcell.skills.motion.validation.trajectory_check import check_trajectory
+from foldcell.skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId, Table, ToolPath
 from tests.builders.stops import stop_profile
 from tests.panda_arms import load_pandas
 from tests.tool_paths import path_deviation

@@ -8,13 +8,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from robots.baxter.robot import load_model
-from robots.example_data import package_root
-from robots.model import ArmChain, JointLimits, RobotModel, arm_chain
-from robots.ports import Side
-from robots.setpoint import clip_setpoint
-from skills.motion.kinematics import ik
-from skills.motion.validation.inputs import validate_state
+from foldcell.robots.baxter.robot import load_model
+from foldcell.robots.example_data import package_root
+from foldcell.robots.model import ArmChain, JointLimits, RobotModel, arm_chain
+from foldcell.robots.ports import Side
+from foldcell.robots.setpoint import clip_setpoint
+from foldcell.skills.motion.kinematics import ik
+from foldcell.skills.motion.validation.inputs import validate_state
 
 JOINTS = tuple(
     f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")

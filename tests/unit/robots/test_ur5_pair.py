@@ -9,12 +9,12 @@ import numpy as np
 import pybullet as pb
 import pytest
 
-from cell.hardware.robot_check import view_margins
-from cell.view.entries.robot import RobotFigure
-from robots.ports import Side
-from robots.registry import find_robot
-from robots.ur5_pair.robot import DESCRIPTION, ROBOT
-from robots.urdf.converted import load_body, moving_urdf, seen_urdf, viewer_urdf
+from foldcell.cell.hardware.robot_check import view_margins
+from foldcell.cell.view.entries.robot import RobotFigure
+from foldcell.robots.ports import Side
+from foldcell.robots.registry import find_robot
+from foldcell.robots.ur5_pair.robot import DESCRIPTION, ROBOT
+from foldcell.robots.urdf.converted import load_body, moving_urdf, seen_urdf, viewer_urdf
 
 MODEL = ROBOT.load_model()
 MIRROR = np.diag([1.0, -1.0, 1.0])

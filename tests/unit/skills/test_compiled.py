@@ -16,11 +16,11 @@ import numba
 import pytest
 from numba.core.event import Event, Listener, install_listener
 
-from cell.commands.installation import checks
-from skills.compiled import WAITING, FallibleCache
+from foldcell.cell.commands.installation import checks
+from foldcell.skills.compiled import WAITING, FallibleCache
 
 ROOT = Path(__file__).resolve().parents[3]
-SOURCE = """from skills.compiled import cached
+SOURCE = """from foldcell.skills.compiled import cached
 
 @cached()
 def twice(x):
@@ -189,7 +189,7 @@ def test_every_compiled_function_that_is_kept_has_this_cache() -> None:
     for path in (p for layer in ("cell", "skills", "robots", "calibration") for p in (ROOT / layer).rglob("*.py")):
         text = path.read_text(encoding="utf-8")
         if path.name != "compiled.py" and re.search(r"\bcached\(.*\)$|\bcached\(\)\(", text, flags=re.M):
-            kept.add(".".join(path.relative_to(ROOT).with_suffix("").parts))
+            kept.add(".".join(("foldcell", *path.relative_to(ROOT).with_suffix("").parts)))
         plain += [path for _ in re.findall(r"cache=True", text)]
     assert plain == [] and kept == set(checks.COMPILED)
 

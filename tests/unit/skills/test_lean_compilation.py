@@ -11,7 +11,7 @@ import pytest
 from llvmlite.binding import Linkage
 from numba.core.registry import cpu_target
 
-from skills.lean_compilation import lean_compilation
+from foldcell.skills.lean_compilation import lean_compilation
 
 inner: Any = numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True)
 

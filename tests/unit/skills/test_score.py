@@ -14,18 +14,18 @@ from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
 
-from robots.errors import InternalError
-from skills.cloth.mesh import mesh_from_contour
-from skills.cloth.solver import ClothSimulation
-from skills.fold_figures.folded_mesh import fold_mesh
-from skills.fold_figures.table_raster import PIXEL, rasterise
-from skills.fold_plan.folding import fold_xy, target_vertices
-from skills.fold_plan.plan import ways_to_fold
-from skills.garments.garment import Anchor, Garment, PlanGrasp, PlanStep, PlanVariant, PoseRange
-from skills.scoring.alignment import FinalGarment
-from skills.scoring.score import diagonal, named_edge_pairs, score, score_plan
-from skills.scoring.verdict import Figure, IdealHeights, Score
-from skills.vocabulary import FoldLine, Material
+from foldcell.robots.errors import InternalError
+from foldcell.skills.cloth.mesh import mesh_from_contour
+from foldcell.skills.cloth.solver import ClothSimulation
+from foldcell.skills.fold_figures.folded_mesh import fold_mesh
+from foldcell.skills.fold_figures.table_raster import PIXEL, rasterise
+from foldcell.skills.fold_plan.folding import fold_xy, target_vertices
+from foldcell.skills.fold_plan.plan import ways_to_fold
+from foldcell.skills.garments.garment import Anchor, Garment, PlanGrasp, PlanStep, PlanVariant, PoseRange
+from foldcell.skills.scoring.alignment import FinalGarment
+from foldcell.skills.scoring.score import diagonal, named_edge_pairs, score, score_plan
+from foldcell.skills.scoring.verdict import Figure, IdealHeights, Score
+from foldcell.skills.vocabulary import FoldLine, Material
 
 LENGTH, WIDTH, THICKNESS = 0.60, 0.40, 0.002
 CORNERS = {  # the towel lies with its length across the table

@@ -5,27 +5,27 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from cell.config.deciding_setting import deciding_setting, grasping_hint, setting_in_words
-from cell.control.checks import stopped
-from cell.control.motions.hold_position import wait
-from cell.control.ticks import TICK_S
-from cell.executive.effects.editing import refusal, with_plan_edit, without_edits
-from cell.executive.effects.grasping import DEEPER
-from cell.executive.effects.planning import INWARD
-from cell.executive.effects.recovery.estimating import SURE
-from cell.executive.effects.recovery.spreading import spreadable
-from cell.hardware.workcell import Workcell
-from cell.states.commands import ABORTED
-from cell.states.fold_context import FoldContext
-from cell.states.plan_edit import PlanEdit
-from cell.states.recovery_table import VERDICTS, WITHOUT_EDITS, Adjustment, choose_recovery
-from cell.states.run_context import Result, RunContext, effect
-from cell.states.situation import Situation, wait_before_look
-from cell.states.stages import Spread
-from cell.states.transition_table import Event
-from robots.errors import Failure, FailureKind
-from skills.perception.inspection.diagnosis import lasting_defect
-from skills.state_estimate.hypothesis import FoldState
+from foldcell.cell.config.deciding_setting import deciding_setting, grasping_hint, setting_in_words
+from foldcell.cell.control.checks import stopped
+from foldcell.cell.control.motions.hold_position import wait
+from foldcell.cell.control.ticks import TICK_S
+from foldcell.cell.executive.effects.editing import refusal, with_plan_edit, without_edits
+from foldcell.cell.executive.effects.grasping import DEEPER
+from foldcell.cell.executive.effects.planning import INWARD
+from foldcell.cell.executive.effects.recovery.estimating import SURE
+from foldcell.cell.executive.effects.recovery.spreading import spreadable
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.states.commands import ABORTED
+from foldcell.cell.states.fold_context import FoldContext
+from foldcell.cell.states.plan_edit import PlanEdit
+from foldcell.cell.states.recovery_table import VERDICTS, WITHOUT_EDITS, Adjustment, choose_recovery
+from foldcell.cell.states.run_context import Result, RunContext, effect
+from foldcell.cell.states.situation import Situation, wait_before_look
+from foldcell.cell.states.stages import Spread
+from foldcell.cell.states.transition_table import Event
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.skills.perception.inspection.diagnosis import lasting_defect
+from foldcell.skills.state_estimate.hypothesis import FoldState
 
 __all__ = ["ask_approval", "ask_operator", "choose_next", "pause"]
 

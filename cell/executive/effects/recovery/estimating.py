@@ -7,24 +7,24 @@ from dataclasses import replace
 
 import numpy as np
 
-from cell.control.checks import stopped
-from cell.hardware.workcell import Workcell
-from cell.planning.fold_planning import simulated_paths
-from cell.states.recovery_table import VERDICTS
-from cell.states.run_context import Result, RunContext, effect
-from cell.states.stages import Attempt, EstimateNote, Plan
-from cell.states.transition_table import Event
-from robots.errors import DriverError, Failure, FailureKind
-from robots.ports import Array, CameraFrame, Side
-from skills.motion.kinematics.ik import tool_pose
-from skills.state_estimate.drawing import draw_estimate
-from skills.state_estimate.estimate import COMPLETED, PRIORS, StateEstimate, estimate_state
-from skills.state_estimate.hand_course import HandCourse, held_until, without_gaps
-from skills.state_estimate.hypothesis import FoldState, Interruption
-from skills.state_estimate.interrupted_fold import simulate_interruptions
-from skills.state_estimate.observation import Observation, observe
-from skills.state_estimate.wording import describe
-from skills.vocabulary import GraspId, Outcome, PredictedShape
+from foldcell.cell.control.checks import stopped
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.planning.fold_planning import simulated_paths
+from foldcell.cell.states.recovery_table import VERDICTS
+from foldcell.cell.states.run_context import Result, RunContext, effect
+from foldcell.cell.states.stages import Attempt, EstimateNote, Plan
+from foldcell.cell.states.transition_table import Event
+from foldcell.robots.errors import DriverError, Failure, FailureKind
+from foldcell.robots.ports import Array, CameraFrame, Side
+from foldcell.skills.motion.kinematics.ik import tool_pose
+from foldcell.skills.state_estimate.drawing import draw_estimate
+from foldcell.skills.state_estimate.estimate import COMPLETED, PRIORS, StateEstimate, estimate_state
+from foldcell.skills.state_estimate.hand_course import HandCourse, held_until, without_gaps
+from foldcell.skills.state_estimate.hypothesis import FoldState, Interruption
+from foldcell.skills.state_estimate.interrupted_fold import simulate_interruptions
+from foldcell.skills.state_estimate.observation import Observation, observe
+from foldcell.skills.state_estimate.wording import describe
+from foldcell.skills.vocabulary import GraspId, Outcome, PredictedShape
 
 __all__ = ["SURE", "estimate", "note_estimate"]
 

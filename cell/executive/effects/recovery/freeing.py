@@ -8,21 +8,21 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cell.control.checks import come_to_rest
-from cell.control.motion import Tick, Watch
-from cell.control.motions.hands import each_hand
-from cell.control.motions.hold_position import wait
-from cell.control.path_clock import PathControl
-from cell.executive.effects.checked_motion import move
-from cell.executive.effects.recovery.parking import LET_GO, OPENING_S, RELEASE_OPENING, still_closed
-from cell.executive.effects.recovery.ways_out import FREEING, FREEING_TRIES, Course, along, lead_out
-from cell.hardware.workcell import Workcell
-from robots.errors import DriverError, Failure, FailureKind
-from robots.ports import ArmTrajectory, Side
-from skills.grasping.empty_hand import EmptyCheck, check_empty, start_empty_check
-from skills.grasping.hand_reading import GripCommand, HandReading
-from skills.grasping.release import RELEASE_FORCE, RELEASE_TOLERANCE
-from skills.grasping.stuck_on_finger import (
+from foldcell.cell.control.checks import come_to_rest
+from foldcell.cell.control.motion import Tick, Watch
+from foldcell.cell.control.motions.hands import each_hand
+from foldcell.cell.control.motions.hold_position import wait
+from foldcell.cell.control.path_clock import PathControl
+from foldcell.cell.executive.effects.checked_motion import move
+from foldcell.cell.executive.effects.recovery.parking import LET_GO, OPENING_S, RELEASE_OPENING, still_closed
+from foldcell.cell.executive.effects.recovery.ways_out import FREEING, FREEING_TRIES, Course, along, lead_out
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.robots.errors import DriverError, Failure, FailureKind
+from foldcell.robots.ports import ArmTrajectory, Side
+from foldcell.skills.grasping.empty_hand import EmptyCheck, check_empty, start_empty_check
+from foldcell.skills.grasping.hand_reading import GripCommand, HandReading
+from foldcell.skills.grasping.release import RELEASE_FORCE, RELEASE_TOLERANCE
+from foldcell.skills.grasping.stuck_on_finger import (
     Clear,
     DragWatch,
     StuckCheck,
@@ -30,10 +30,10 @@ from skills.grasping.stuck_on_finger import (
     start_stuck_check,
     watch_drag,
 )
-from skills.grasping.tare import TactileBias
-from skills.motion.moves.lift import CAREFUL_SPEED
-from skills.motion.moves.retreat import Retreat
-from skills.vocabulary import Outcome
+from foldcell.skills.grasping.tare import TactileBias
+from foldcell.skills.motion.moves.lift import CAREFUL_SPEED
+from foldcell.skills.motion.moves.retreat import Retreat
+from foldcell.skills.vocabulary import Outcome
 
 __all__ = ["leave_freely"]
 

@@ -7,23 +7,29 @@ from dataclasses import replace
 
 import numpy as np
 
-from cell.control.motions.hold_position import wait
-from cell.control.rest import await_rest
-from cell.executive.effects.checked_motion import as_failure, move, pausable, unpausable, with_waiting_time
-from cell.executive.effects.recovery.parking import OPENING_S, RELEASE_OPENING, still_closed
-from cell.executive.effects.recovery.ways_out import LAYING, Course, lead_out, plan_rise
-from cell.hardware.workcell import Workcell
-from cell.states.fold_context import FoldContext
-from cell.states.recovery_table import Laying, choose_laying
-from cell.states.run_context import Result, RunContext
-from cell.states.stages import Attempt
-from cell.states.transition_table import Event
-from robots.errors import Failure, FailureKind
-from robots.ports import ArmTrajectory, Array, Side
-from skills.grasping.hand_reading import GripCommand
-from skills.grasping.release import RELEASE_FORCE
-from skills.grasping.settings import GraspSettings
-from skills.motion.moves.retrace import share_done
+from foldcell.cell.control.motions.hold_position import wait
+from foldcell.cell.control.rest import await_rest
+from foldcell.cell.executive.effects.checked_motion import (
+    as_failure,
+    move,
+    pausable,
+    unpausable,
+    with_waiting_time,
+)
+from foldcell.cell.executive.effects.recovery.parking import OPENING_S, RELEASE_OPENING, still_closed
+from foldcell.cell.executive.effects.recovery.ways_out import LAYING, Course, lead_out, plan_rise
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.states.fold_context import FoldContext
+from foldcell.cell.states.recovery_table import Laying, choose_laying
+from foldcell.cell.states.run_context import Result, RunContext
+from foldcell.cell.states.stages import Attempt
+from foldcell.cell.states.transition_table import Event
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.ports import ArmTrajectory, Array, Side
+from foldcell.skills.grasping.hand_reading import GripCommand
+from foldcell.skills.grasping.release import RELEASE_FORCE
+from foldcell.skills.grasping.settings import GraspSettings
+from foldcell.skills.motion.moves.retrace import share_done
 
 __all__ = ["carried_path", "lay_back", "progress", "still_holding"]
 

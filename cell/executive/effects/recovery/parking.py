@@ -6,16 +6,16 @@ from collections.abc import Collection
 
 import numpy as np
 
-from cell.control.checks import SETTLED
-from cell.control.motions.hold_position import wait
-from cell.control.path_clock import PathControl
-from cell.control.ticks import TICK_S
-from cell.executive.effects.recovery.ways_out import PARKING, lead_out
-from cell.hardware.workcell import Workcell
-from robots.errors import DriverError, Failure, FailureKind
-from robots.ports import Side
-from skills.grasping.hand_reading import GRIPPER_STALE, GripCommand
-from skills.grasping.release import RELEASE_FORCE
+from foldcell.cell.control.checks import SETTLED
+from foldcell.cell.control.motions.hold_position import wait
+from foldcell.cell.control.path_clock import PathControl
+from foldcell.cell.control.ticks import TICK_S
+from foldcell.cell.executive.effects.recovery.ways_out import PARKING, lead_out
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.robots.errors import DriverError, Failure, FailureKind
+from foldcell.robots.ports import Side
+from foldcell.skills.grasping.hand_reading import GRIPPER_STALE, GripCommand
+from foldcell.skills.grasping.release import RELEASE_FORCE
 
 __all__ = [
     "OPENING_S",

@@ -7,21 +7,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cell.hardware.workcell import Workcell
-from cell.planning.fold_planning import tool_speed
-from cell.states.run_context import Result, RunContext
-from cell.states.stages import Attempt, Plan, Repair
-from cell.states.transition_table import Event
-from robots.errors import CellError, Failure, FailureKind
-from skills.cloth.predict import predict_fold
-from skills.fold_plan.folding import target_vertices
-from skills.fold_plan.plan import translate_plan
-from skills.fold_plan.repair import RepairGoal, RepairPlan, plan_repair, ways_to_hold
-from skills.trajectory.arcs.paths import fold_duration, lifted, tool_paths
-from skills.trajectory.arcs.repair_arcs import repair_arcs, turned_paths
-from skills.trajectory.search.acceptance import acceptance_limit
-from skills.trajectory.search.objective import dissimilarity
-from skills.vocabulary import Array, GraspId, GraspTrajectory
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.planning.fold_planning import tool_speed
+from foldcell.cell.states.run_context import Result, RunContext
+from foldcell.cell.states.stages import Attempt, Plan, Repair
+from foldcell.cell.states.transition_table import Event
+from foldcell.robots.errors import CellError, Failure, FailureKind
+from foldcell.skills.cloth.predict import predict_fold
+from foldcell.skills.fold_plan.folding import target_vertices
+from foldcell.skills.fold_plan.plan import translate_plan
+from foldcell.skills.fold_plan.repair import RepairGoal, RepairPlan, plan_repair, ways_to_hold
+from foldcell.skills.trajectory.arcs.paths import fold_duration, lifted, tool_paths
+from foldcell.skills.trajectory.arcs.repair_arcs import repair_arcs, turned_paths
+from foldcell.skills.trajectory.search.acceptance import acceptance_limit
+from foldcell.skills.trajectory.search.objective import dissimilarity
+from foldcell.skills.vocabulary import Array, GraspId, GraspTrajectory
 
 __all__ = ["choose_repair"]
 

@@ -8,23 +8,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cell.hardware.workcell import Workcell
-from cell.states.fold_context import FoldContext
-from cell.states.run_context import Result, RunContext, effect
-from cell.states.stages import FirstLook, Plan, Spread
-from cell.states.transition_table import Event
-from robots.errors import Failure, FailureKind
-from robots.ports import Array, CameraFrame, frozen
-from skills.fold_plan.spreading import AWAY, Pull, plan_pulls, pulls_home, spread_arcs, spread_step
-from skills.perception.monitoring.flat_placement import Placement, convex_corners, place_outline
-from skills.perception.outline import polygon_area
-from skills.perception.perceive import Perception
-from skills.perception.rectification.heights import smooth_height
-from skills.perception.registration.alignment import align
-from skills.perception.segmentation.table_model import KNOWN_SHARE
-from skills.state_estimate.observation import Observation, observe
-from skills.trajectory.arcs.paths import fold_duration
-from skills.vocabulary import Corner, GraspTrajectory, Outcome
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.states.fold_context import FoldContext
+from foldcell.cell.states.run_context import Result, RunContext, effect
+from foldcell.cell.states.stages import FirstLook, Plan, Spread
+from foldcell.cell.states.transition_table import Event
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.ports import Array, CameraFrame, frozen
+from foldcell.skills.fold_plan.spreading import AWAY, Pull, plan_pulls, pulls_home, spread_arcs, spread_step
+from foldcell.skills.perception.monitoring.flat_placement import Placement, convex_corners, place_outline
+from foldcell.skills.perception.outline import polygon_area
+from foldcell.skills.perception.perceive import Perception
+from foldcell.skills.perception.rectification.heights import smooth_height
+from foldcell.skills.perception.registration.alignment import align
+from foldcell.skills.perception.segmentation.table_model import KNOWN_SHARE
+from foldcell.skills.state_estimate.observation import Observation, observe
+from foldcell.skills.trajectory.arcs.paths import fold_duration
+from foldcell.skills.vocabulary import Corner, GraspTrajectory, Outcome
 
 __all__ = ["SPREAD_AREA", "choose_pull", "lies_elsewhere", "not_spread", "spreadable"]
 

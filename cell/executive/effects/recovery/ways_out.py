@@ -12,18 +12,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cell.control.checks import come_to_rest, fresh_state
-from cell.control.motion import Watch
-from cell.control.path_clock import PathControl
-from cell.control.rest import await_rest, stand_by
-from cell.executive.effects.checked_motion import move
-from cell.hardware.workcell import Workcell
-from robots.errors import Failure, FailureKind
-from robots.ports import ArmTrajectory, Array, Side
-from skills.motion.moves.free_motion import plan_free_motion
-from skills.motion.moves.retrace import plan_along, without_loops
-from skills.motion.moves.retreat import Retreat, plan_retreat
-from skills.vocabulary import Outcome
+from foldcell.cell.control.checks import come_to_rest, fresh_state
+from foldcell.cell.control.motion import Watch
+from foldcell.cell.control.path_clock import PathControl
+from foldcell.cell.control.rest import await_rest, stand_by
+from foldcell.cell.executive.effects.checked_motion import move
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.ports import ArmTrajectory, Array, Side
+from foldcell.skills.motion.moves.free_motion import plan_free_motion
+from foldcell.skills.motion.moves.retrace import plan_along, without_loops
+from foldcell.skills.motion.moves.retreat import Retreat, plan_retreat
+from foldcell.skills.vocabulary import Outcome
 
 __all__ = [
     "CLEARING_DWELL_S",

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from robots.baxter.names import JOINT_NAMES
-from robots.baxter.ros.messages import POSITION, RAW_POSITION, load_messages
-from robots.baxter.ros.ports.clock import RosClock
-from robots.baxter.ros.ports.latest_message import LatestMessage
-from robots.baxter.ros.ports.stop import RosStop
-from robots.baxter.ros.topics import (
+from foldcell.robots.baxter.names import JOINT_NAMES
+from foldcell.robots.baxter.ros.messages import POSITION, RAW_POSITION, load_messages
+from foldcell.robots.baxter.ros.ports.clock import RosClock
+from foldcell.robots.baxter.ros.ports.latest_message import LatestMessage
+from foldcell.robots.baxter.ros.ports.stop import RosStop
+from foldcell.robots.baxter.ros.topics import (
     ENABLE,
     JOINT_STATES,
     command_timeout,
@@ -20,11 +20,11 @@ from robots.baxter.ros.topics import (
     joint_command,
     speed_ratio,
 )
-from robots.errors import DriverError, FailureKind
-from robots.model import JointLimits
-from robots.ports import Array, JointSetpoint, JointState, Side, arm_slice, frozen
-from robots.ros.node import Node
-from robots.setpoint import clip_setpoint
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.model import JointLimits
+from foldcell.robots.ports import Array, JointSetpoint, JointState, Side, arm_slice, frozen
+from foldcell.robots.ros.node import Node
+from foldcell.robots.setpoint import clip_setpoint
 
 __all__ = ["RosArms"]
 

@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.baxter.ros.messages import load_messages
-from robots.baxter.ros.ports.clock import RosClock
-from robots.depth_averaging import EXPOSURES, mean_depth
-from robots.errors import DriverError, FailureKind
-from robots.ports import CameraFrame, Intrinsics, frozen
-from robots.ros.driver import CameraTopics
-from robots.ros.node import Node
+from foldcell.robots.baxter.ros.messages import load_messages
+from foldcell.robots.baxter.ros.ports.clock import RosClock
+from foldcell.robots.depth_averaging import EXPOSURES, mean_depth
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.ports import CameraFrame, Intrinsics, frozen
+from foldcell.robots.ros.driver import CameraTopics
+from foldcell.robots.ros.node import Node
 
 __all__ = ["RosCamera", "read_colour", "read_depth", "read_intrinsics"]
 

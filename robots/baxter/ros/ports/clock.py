@@ -9,10 +9,10 @@ import time
 from threading import Condition
 from typing import Any, Protocol
 
-from robots.baxter.ros.messages import load_messages
-from robots.baxter.ros.topics import CLOCK
-from robots.errors import DriverError, FailureKind
-from robots.ros.node import Node
+from foldcell.robots.baxter.ros.messages import load_messages
+from foldcell.robots.baxter.ros.topics import CLOCK
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.ros.node import Node
 
 __all__ = ["RosClock", "TopicClock", "WallClock", "cell_clock"]
 
@@ -24,7 +24,7 @@ WALL = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
 
 
 class RosClock(Protocol):
-    """The clock port (robots.ports.Clock)."""
+    """The clock port (foldcell.robots.ports.Clock)."""
 
     def now(self) -> float: ...
 

@@ -16,7 +16,7 @@ from threading import Lock
 from typing import Any
 from uuid import uuid4
 
-from robots.baxter.ros.electric_gripper import (
+from foldcell.robots.baxter.ros.electric_gripper import (
     CALIBRATE,
     CLEAR_CALIBRATION,
     CONFIGURE,
@@ -26,13 +26,13 @@ from robots.baxter.ros.electric_gripper import (
     HARDWARE_ID,
     RESET,
 )
-from robots.baxter.ros.messages import load_messages
-from robots.baxter.ros.ports.clock import RosClock
-from robots.baxter.ros.ports.latest_message import LatestMessage
-from robots.baxter.ros.topics import gripper_command, gripper_state
-from robots.errors import DriverError, FailureKind
-from robots.ports import GripperState, Side
-from robots.ros.node import Node
+from foldcell.robots.baxter.ros.messages import load_messages
+from foldcell.robots.baxter.ros.ports.clock import RosClock
+from foldcell.robots.baxter.ros.ports.latest_message import LatestMessage
+from foldcell.robots.baxter.ros.topics import gripper_command, gripper_state
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.ports import GripperState, Side
+from foldcell.robots.ros.node import Node
 
 __all__ = ["RosGripper"]
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from robots.baxter.names import HEAD_RANGE
-from robots.baxter.ros.messages import load_messages
-from robots.baxter.ros.ports.clock import RosClock
-from robots.baxter.ros.topics import HEAD_COMMAND
-from robots.errors import DriverError, FailureKind
-from robots.ports import JointState
-from robots.ros.node import Node
+from foldcell.robots.baxter.names import HEAD_RANGE
+from foldcell.robots.baxter.ros.messages import load_messages
+from foldcell.robots.baxter.ros.ports.clock import RosClock
+from foldcell.robots.baxter.ros.topics import HEAD_COMMAND
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.ports import JointState
+from foldcell.robots.ros.node import Node
 
 __all__ = ["RosHead"]
 

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from threading import Condition
 from typing import Any, Generic, TypeVar
 
-from robots.baxter.ros.ports.clock import RosClock
-from robots.ros.node import Node
+from foldcell.robots.baxter.ros.ports.clock import RosClock
+from foldcell.robots.ros.node import Node
 
 __all__ = ["LatestMessage"]
 

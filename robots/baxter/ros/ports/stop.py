@@ -14,13 +14,13 @@ import time
 from dataclasses import dataclass
 from typing import Any
 
-from robots.baxter.ros.messages import load_messages
-from robots.baxter.ros.ports.clock import RosClock
-from robots.baxter.ros.ports.latest_message import LatestMessage
-from robots.baxter.ros.topics import RESET, ROBOT_STATE, STOP
-from robots.errors import DriverError, FailureKind
-from robots.ports import StopState
-from robots.ros.node import Node
+from foldcell.robots.baxter.ros.messages import load_messages
+from foldcell.robots.baxter.ros.ports.clock import RosClock
+from foldcell.robots.baxter.ros.ports.latest_message import LatestMessage
+from foldcell.robots.baxter.ros.topics import RESET, ROBOT_STATE, STOP
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.ports import StopState
+from foldcell.robots.ros.node import Node
 
 __all__ = ["AssemblyState", "RosStop"]
 

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from robots.baxter.ros.messages import load_messages
-from robots.baxter.ros.ports.clock import RosClock
-from robots.baxter.ros.ports.latest_message import LatestMessage
-from robots.baxter.ros.topics import tactile
-from robots.ports import Side, TactileReading, frozen
-from robots.ros.node import Node
+from foldcell.robots.baxter.ros.messages import load_messages
+from foldcell.robots.baxter.ros.ports.clock import RosClock
+from foldcell.robots.baxter.ros.ports.latest_message import LatestMessage
+from foldcell.robots.baxter.ros.topics import tactile
+from foldcell.robots.ports import Side, TactileReading, frozen
+from foldcell.robots.ros.node import Node
 
 __all__ = ["RosTactile"]
 

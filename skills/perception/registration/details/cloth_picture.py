@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array
-from skills.perception.registration.boundary import sample
+from foldcell.robots.ports import Array
+from foldcell.skills.perception.registration.boundary import sample
 
 __all__ = ["ClothPicture"]
 

@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array
-from skills.perception.registration.details.cloth_picture import ClothPicture
-from skills.perception.registration.details.wedge import Strip, Wedge, WedgePrior, fit_wedge
+from foldcell.robots.ports import Array
+from foldcell.skills.perception.registration.details.cloth_picture import ClothPicture
+from foldcell.skills.perception.registration.details.wedge import Strip, Wedge, WedgePrior, fit_wedge
 
 __all__ = ["HOLLOW", "NARROW", "GapSettings", "locate_gap_end"]
 

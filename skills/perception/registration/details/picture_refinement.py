@@ -14,15 +14,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array, frozen
-from skills.perception.outline import GarmentOutline, interior_angles, polygon_area
-from skills.perception.registration.corners import HOLLOW_ANGLE, NOTCH_ANGLE
-from skills.perception.registration.details.cloth_picture import ClothPicture
-from skills.perception.registration.details.gap_end import HOLLOW, NARROW, locate_gap_end
-from skills.perception.registration.details.sleeve_seam import locate_seam
-from skills.perception.registration.energy import Boundary
-from skills.perception.registration.register import Registration
-from skills.perception.registration.upper_edge import locate_upper_edge
+from foldcell.robots.ports import Array, frozen
+from foldcell.skills.perception.outline import GarmentOutline, interior_angles, polygon_area
+from foldcell.skills.perception.registration.corners import HOLLOW_ANGLE, NOTCH_ANGLE
+from foldcell.skills.perception.registration.details.cloth_picture import ClothPicture
+from foldcell.skills.perception.registration.details.gap_end import HOLLOW, NARROW, locate_gap_end
+from foldcell.skills.perception.registration.details.sleeve_seam import locate_seam
+from foldcell.skills.perception.registration.energy import Boundary
+from foldcell.skills.perception.registration.register import Registration
+from foldcell.skills.perception.registration.upper_edge import locate_upper_edge
 
 __all__ = ["notches", "refine_by_picture"]
 

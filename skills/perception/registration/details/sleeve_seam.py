@@ -13,10 +13,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array
-from skills.perception.registration.boundary import sample
-from skills.perception.registration.details.cloth_picture import ClothPicture
-from skills.perception.registration.energy import Boundary
+from foldcell.robots.ports import Array
+from foldcell.skills.perception.registration.boundary import sample
+from foldcell.skills.perception.registration.details.cloth_picture import ClothPicture
+from foldcell.skills.perception.registration.energy import Boundary
 
 __all__ = ["locate_seam"]
 

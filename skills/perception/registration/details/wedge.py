@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from robots.ports import Array
+from foldcell.robots.ports import Array
 
 __all__ = ["Strip", "Wedge", "WedgePrior", "fit_wedge"]
 

@@ -11,32 +11,32 @@ import numpy as np
 import pytest
 import yaml
 
-from calibration.effects import Grip, Reach, RecordTactile, Touch
-from calibration.table import calibrate_table
-from cell.calibrating import session
-from cell.calibrating.reach import holding_board
-from cell.calibrating.session import CalibrationRequest, calibrate
-from cell.commands.main import main
-from cell.config.calibration_file import (
+from foldcell.calibration.effects import Grip, Reach, RecordTactile, Touch
+from foldcell.calibration.table import calibrate_table
+from foldcell.cell.calibrating import session
+from foldcell.cell.calibrating.reach import holding_board
+from foldcell.cell.calibrating.session import CalibrationRequest, calibrate
+from foldcell.cell.commands.main import main
+from foldcell.cell.config.calibration_file import (
     calibration_text,
     load_camera_calibration,
     read_camera_file,
     table_text,
     tactile_text,
 )
-from cell.config.cell_settings import load_settings
-from cell.control.ticks import TICK_S
-from cell.hardware.assembly import assemble
-from cell.hardware.camera import camera_calibration
-from cell.hardware.robot_model import load_robot
-from cell.hardware.workcell import Workcell
-from cell.journal.journal import Journal, RunJournal
-from cell.support.files.paths import journal_path
-from robots.errors import ConfigurationError, FailureKind
-from robots.ports import Arms, JointSetpoint, JointState, Ports, Side, arm_slice
-from skills.motion.kinematics import ik
-from skills.motion.validation.collision import CollisionChecker
-from skills.vocabulary import Table
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.control.ticks import TICK_S
+from foldcell.cell.hardware.assembly import assemble
+from foldcell.cell.hardware.camera import camera_calibration
+from foldcell.cell.hardware.robot_model import load_robot
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.journal.journal import Journal, RunJournal
+from foldcell.cell.support.files.paths import journal_path
+from foldcell.robots.errors import ConfigurationError, FailureKind
+from foldcell.robots.ports import Arms, JointSetpoint, JointState, Ports, Side, arm_slice
+from foldcell.skills.motion.kinematics import ik
+from foldcell.skills.motion.validation.collision import CollisionChecker
+from foldcell.skills.vocabulary import Table
 
 SetPoint = tuple[np.ndarray, np.ndarray]
 """Joint positions (14,) [rad] and velocities (14,) [rad/s]."""
@@ -184,7 +184,7 @@ def test_losing_the_journal_ends_a_calibration_with_the_arms_held(
         return write_intent(run, t, state, effect, payload)
 
     monkeypatch.setattr(RunJournal, "intent", intent)
-    monkeypatch.setattr("cell.runs.ownership.Journal.open", keep)
+    monkeypatch.setattr("foldcell.cell.runs.ownership.Journal.open", keep)
     code, report, err = foldcell(capsys, "calibrate", "table", "--points", 3, "--logs", tmp_path)
     assert code == 3 and "held where they are" in report["hint"] and "journal.db" in err
     assert len(set_points) == 1 and not np.any(set_points[0][1])

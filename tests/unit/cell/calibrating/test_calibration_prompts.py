@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import io
 
-from cell.calibrating.session import CalibrationPrompts
-from cell.operator.terminal.keys import TerminalOperator
-from cell.states.commands import CommandQueue
-from cell.states.transition_table import Event
+from foldcell.cell.calibrating.session import CalibrationPrompts
+from foldcell.cell.operator.terminal.keys import TerminalOperator
+from foldcell.cell.states.commands import CommandQueue
+from foldcell.cell.states.transition_table import Event
 
 
 def test_only_an_open_question_can_be_approved() -> None:

@@ -11,12 +11,12 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cell.campaigns.page.campaign_page import campaign_page
-from cell.campaigns.page.charts import axis, rate_chart, strip_chart
-from cell.campaigns.results import CampaignResults
-from cell.campaigns.trials.campaign import Campaign
-from cell.campaigns.trials.store import CampaignFolder
-from cell.campaigns.trials.trial import Trial
+from foldcell.cell.campaigns.page.campaign_page import campaign_page
+from foldcell.cell.campaigns.page.charts import axis, rate_chart, strip_chart
+from foldcell.cell.campaigns.results import CampaignResults
+from foldcell.cell.campaigns.trials.campaign import Campaign
+from foldcell.cell.campaigns.trials.store import CampaignFolder
+from foldcell.cell.campaigns.trials.trial import Trial
 from tests.builders.campaigns import record, request, trial, trials_campaign
 
 

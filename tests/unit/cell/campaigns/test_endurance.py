@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from itertools import islice
 
-from cell.campaigns.hil.script import Action
-from cell.campaigns.trials.endurance import SETTLED, EnduranceRun, growths, random_requests
-from cell.config.cell_settings import load_settings
+from foldcell.cell.campaigns.hil.script import Action
+from foldcell.cell.campaigns.trials.endurance import SETTLED, EnduranceRun, growths, random_requests
+from foldcell.cell.config.cell_settings import load_settings
 
 
 def run(process: int, number: int, threads: int = 8, handles: int = 12, memory: float = 600.0) -> EnduranceRun:

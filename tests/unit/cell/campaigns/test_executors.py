@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from cell.campaigns.executors import chosen_workers
-from robots.errors import ConfigurationError
+from foldcell.cell.campaigns.executors import chosen_workers
+from foldcell.robots.errors import ConfigurationError
 
 
 def test_more_workers_than_the_memory_bears_are_refused() -> None:

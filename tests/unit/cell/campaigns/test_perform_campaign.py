@@ -16,19 +16,19 @@ from pathlib import Path
 
 import pytest
 
-from cell.campaigns.executors import Workers
-from cell.campaigns.perform_campaign import perform_campaign
-from cell.campaigns.trials.store import MANIFEST, CampaignFolder
-from robots.errors import ConfigurationError
+from foldcell.cell.campaigns.executors import Workers
+from foldcell.cell.campaigns.perform_campaign import perform_campaign
+from foldcell.cell.campaigns.trials.store import MANIFEST, CampaignFolder
+from foldcell.robots.errors import ConfigurationError
 from tests.builders.campaigns import FINISHED, logged_fold, trials_campaign
 
 ROOT = Path(__file__).parents[4]
 CONTINUE = """
 import sys
 from pathlib import Path
-from cell.campaigns.executors import local_workers
-from cell.campaigns.perform_campaign import perform_campaign
-from cell.campaigns.trials.store import CampaignFolder
+from foldcell.cell.campaigns.executors import local_workers
+from foldcell.cell.campaigns.perform_campaign import perform_campaign
+from foldcell.cell.campaigns.trials.store import CampaignFolder
 from tests.builders.campaigns import logged_fold
 if __name__ == "__main__":
     campaign = CampaignFolder.open(Path(sys.argv[1]))

@@ -8,11 +8,11 @@ from concurrent.futures.process import BrokenProcessPool
 
 import pytest
 
-from cell.campaigns.executors import Workers
-from cell.campaigns.perform_campaign import ATTEMPTS, run_trials
-from cell.campaigns.trials.campaign import TrialRequest
-from cell.campaigns.trials.trial import Trial
-from robots.errors import StorageError
+from foldcell.cell.campaigns.executors import Workers
+from foldcell.cell.campaigns.perform_campaign import ATTEMPTS, run_trials
+from foldcell.cell.campaigns.trials.campaign import TrialRequest
+from foldcell.cell.campaigns.trials.trial import Trial
+from foldcell.robots.errors import StorageError
 from tests.builders.campaigns import record, request
 
 

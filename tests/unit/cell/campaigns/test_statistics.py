@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cell.campaigns.statistics.comparison import compare_trials
-from cell.campaigns.statistics.proportions import bootstrap_median, mcnemar_exact, wilson_interval
-from cell.campaigns.statistics.summary import claims, part_claims, summarise
-from cell.campaigns.trials.trial import Trial
-from cell.record.run_record import IdealRecord
-from robots.errors import FailureKind
+from foldcell.cell.campaigns.statistics.comparison import compare_trials
+from foldcell.cell.campaigns.statistics.proportions import bootstrap_median, mcnemar_exact, wilson_interval
+from foldcell.cell.campaigns.statistics.summary import claims, part_claims, summarise
+from foldcell.cell.campaigns.trials.trial import Trial
+from foldcell.cell.record.run_record import IdealRecord
+from foldcell.robots.errors import FailureKind
 from tests.builders.campaigns import request, trial
 from tests.builders.records import score_record
 from tests.inspections import a_claim

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 import yaml
 
-from cell.commands.main import main
-from cell.config.calibration_file import calibration_text, table_text
-from cell.config.cell_settings import load_settings
-from cell.config.garments.garment_file import shipped_garment_path
-from cell.hardware.camera import camera_calibration
+from foldcell.cell.commands.main import main
+from foldcell.cell.config.calibration_file import calibration_text, table_text
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.config.garments.garment_file import shipped_garment_path
+from foldcell.cell.hardware.camera import camera_calibration
 
 Refused = Callable[..., str]
 

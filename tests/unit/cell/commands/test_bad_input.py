@@ -19,15 +19,15 @@ import numpy as np
 import pytest
 import yaml
 
-from cell.commands.exit_codes import framed
-from cell.commands.main import main
-from cell.config.calibration_file import calibration_text
-from cell.config.cell_settings import load_settings
-from cell.config.garments.garment_file import shipped_garment_path
-from cell.hardware.camera import camera_calibration
-from cell.journal.journal import Journal
-from cell.support.files import picture_file
-from cell.support.process.lock import OwnerLock
+from foldcell.cell.commands.exit_codes import framed
+from foldcell.cell.commands.main import main
+from foldcell.cell.config.calibration_file import calibration_text
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.config.garments.garment_file import shipped_garment_path
+from foldcell.cell.hardware.camera import camera_calibration
+from foldcell.cell.journal.journal import Journal
+from foldcell.cell.support.files import picture_file
+from foldcell.cell.support.process.lock import OwnerLock
 from tests.builders.yaml_texts import aliases_of_aliases
 
 

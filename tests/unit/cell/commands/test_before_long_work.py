@@ -10,12 +10,12 @@ import pytest
 import yaml
 from test_foreign_files import SCRIPT, own_garment, photograph
 
-from cell.campaigns.trials.campaign import CampaignFile, campaign_of
-from cell.campaigns.trials.store import CampaignFolder
-from cell.commands.main import main
-from cell.config.cell_settings import load_settings
-from cell.support.files import paths
-from cell.support.files.paths import KEPT_BYTES, LEAST_FREE_BYTES
+from foldcell.cell.campaigns.trials.campaign import CampaignFile, campaign_of
+from foldcell.cell.campaigns.trials.store import CampaignFolder
+from foldcell.cell.commands.main import main
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.support.files import paths
+from foldcell.cell.support.files.paths import KEPT_BYTES, LEAST_FREE_BYTES
 
 TOO_LONG = "a" * 250
 """A file of this name and an ending can be made, but not beside it the one that it is renamed from."""

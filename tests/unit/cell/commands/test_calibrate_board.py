@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.board import BOARD, find_board
-from calibration.board_sheet import draw_sheet
-from cell.commands.main import main
+from foldcell.calibration.board import BOARD, find_board
+from foldcell.calibration.board_sheet import draw_sheet
+from foldcell.cell.commands.main import main
 
 
 def written(path: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:

@@ -6,11 +6,11 @@ import math
 import pytest
 import yaml
 
-from cell.commands.main import main
-from cell.config.garments.garment_file import load_garment, shipped_garment_path
-from cell.config.garments.material_file import with_material
-from robots.errors import ConfigurationError
-from skills.vocabulary import REFERENCE_DROP
+from foldcell.cell.commands.main import main
+from foldcell.cell.config.garments.garment_file import load_garment, shipped_garment_path
+from foldcell.cell.config.garments.material_file import with_material
+from foldcell.robots.errors import ConfigurationError
+from foldcell.skills.vocabulary import REFERENCE_DROP
 
 SHIPPED = shipped_garment_path("small_towel").read_text()
 

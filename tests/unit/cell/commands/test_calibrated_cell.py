@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands.calibrate.run_on_cell import unfit_with
-from cell.config.calibration_file import calibration_text, table_text
-from cell.config.cell_settings import load_settings
-from cell.hardware.camera import camera_calibration
+from foldcell.cell.commands.calibrate.run_on_cell import unfit_with
+from foldcell.cell.config.calibration_file import calibration_text, table_text
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.hardware.camera import camera_calibration
 
 IN_VIEW = "camera: {position: [0.2, 0, 1.0], target: [0.6, 0, 0], view_deg: 58}"
 

@@ -20,11 +20,11 @@ import cv2
 import numpy as np
 import pytest
 
-from cell.commands.main import build_parser, main
-from cell.journal.journal import Journal
-from cell.record.run_record import FailureRecord, FoldRecord, IdealRecord, RecordingLosses, RunRecord
-from cell.states.transition_table import State
-from robots.errors import ConfigurationError, DriverError, FailureKind, InternalError, StorageError
+from foldcell.cell.commands.main import build_parser, main
+from foldcell.cell.journal.journal import Journal
+from foldcell.cell.record.run_record import FailureRecord, FoldRecord, IdealRecord, RecordingLosses, RunRecord
+from foldcell.cell.states.transition_table import State
+from foldcell.robots.errors import ConfigurationError, DriverError, FailureKind, InternalError, StorageError
 from tests.builders.records import run_record, score_record
 from tests.inspections import a_claim
 
@@ -55,7 +55,7 @@ class Request:
 
 
 class FakeRun:
-    """Replaces cell.runs.fold_run: records the requests and returns or raises the given answer."""
+    """Replaces foldcell.cell.runs.fold_run: records the requests and returns or raises the given answer."""
 
     def __init__(self) -> None:
         self.requests: list[Request] = []
@@ -71,10 +71,10 @@ class FakeRun:
 @pytest.fixture
 def fake(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> FakeRun:
     run = FakeRun()
-    module = types.ModuleType("cell.runs.fold_run")
+    module = types.ModuleType("foldcell.cell.runs.fold_run")
     module.FoldRequest = Request  # type: ignore[attr-defined]
     module.fold_once = run.fold_once  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "cell.runs.fold_run", module)
+    monkeypatch.setitem(sys.modules, "foldcell.cell.runs.fold_run", module)
     monkeypatch.setenv("FOLDCELL_LOGS", str(tmp_path / "logs"))
     return run
 
@@ -95,7 +95,9 @@ def nested(parser: ArgumentParser) -> dict[str, ArgumentParser]:
 
 
 def test_help_names_every_command() -> None:
-    answer = subprocess.run([sys.executable, "-m", "cell.commands.main", "--help"], capture_output=True, text=True)
+    answer = subprocess.run(
+        [sys.executable, "-m", "foldcell.cell.commands.main", "--help"], capture_output=True, text=True
+    )
     assert answer.returncode == 0
     commands = nested(build_parser())
     assert {"fold", "supervise", "doctor"} <= commands.keys()
@@ -105,7 +107,8 @@ def test_help_names_every_command() -> None:
 
 def test_help_imports_nothing_heavy() -> None:
     script = (
-        "from cell.commands.main import main; main(['--help']); import sys; print(*sys.modules, file=sys.stderr)"
+        "from foldcell.cell.commands.main import main; main(['--help']); "
+        "import sys; print(*sys.modules, file=sys.stderr)"
     )
     loaded = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True).stderr.split()
     assert {"numpy", "pydantic", "cv2", "numba", "rerun", "sqlite3"}.isdisjoint(loaded)
@@ -118,7 +121,8 @@ def test_help_imports_nothing_heavy() -> None:
 def test_commands_that_only_read_load_no_numerical_package(line: str, journal_file: Path) -> None:
     """They answer at once. Loading one of these packages takes longer than all the rest of such a command."""
     script = (
-        "import sys; from cell.commands.main import main; main(sys.argv[1:]); print(*sys.modules, file=sys.stderr)"
+        "import sys; from foldcell.cell.commands.main import main; "
+        "main(sys.argv[1:]); print(*sys.modules, file=sys.stderr)"
     )
     logs = [] if "--help" in line or line.startswith("garment") else ["--logs", str(journal_file)]
     answer = subprocess.run([sys.executable, "-c", script, *line.split(), *logs], capture_output=True, text=True)
@@ -505,14 +509,17 @@ def test_an_unknown_run_is_refused(journal_file: Path, capsys: pytest.CaptureFix
 
 
 def test_a_closed_output_pipe_is_no_error(journal_file: Path) -> None:
-    command = f"{sys.executable} -m cell.commands.main runs --logs {journal_file} | true; exit ${{PIPESTATUS[0]}}"
+    command = (
+        f"{sys.executable} -m foldcell.cell.commands.main runs --logs {journal_file} | true; "
+        f"exit ${{PIPESTATUS[0]}}"
+    )
     answer = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
     assert answer.returncode == 0 and answer.stderr == ""
 
 
 def test_unwritable_output_is_reported(journal_file: Path) -> None:
     """It is reported neither as a bug nor with a traceback and Python's exit code."""
-    command = f"{sys.executable} -m cell.commands.main runs --logs {journal_file} --json > /dev/full"
+    command = f"{sys.executable} -m foldcell.cell.commands.main runs --logs {journal_file} --json > /dev/full"
     answer = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
     assert answer.returncode == 64
     assert answer.stderr.startswith("foldcell: standard output cannot be written: No space left on device")
@@ -522,7 +529,7 @@ def test_unwritable_output_is_reported(journal_file: Path) -> None:
 @pytest.mark.parametrize("closed", [">&-", ">&- 2>&- <&-", "2>/dev/full"])
 def test_closed_or_full_streams_do_not_stop_a_command(journal_file: Path, closed: str) -> None:
     for line, code in (("runs", 0), ("report nonsense", 64)):
-        command = f"{sys.executable} -m cell.commands.main {line} --logs {journal_file} {closed}"
+        command = f"{sys.executable} -m foldcell.cell.commands.main {line} --logs {journal_file} {closed}"
         assert subprocess.run(["bash", "-c", command], capture_output=True).returncode == code
     assert not list(journal_file.glob("crash-*"))
 
@@ -539,7 +546,7 @@ def test_a_command_blocked_by_a_full_pipe_can_be_terminated(line: str, unbuffere
             while True:
                 os.write(full, bytes(4096))
         os.set_blocking(full, True)
-        command = [sys.executable, "-m", "cell.commands.main", *line.split()]
+        command = [sys.executable, "-m", "foldcell.cell.commands.main", *line.split()]
         environment = {**os.environ, "PYTHONUNBUFFERED": unbuffered}
         waiting = subprocess.Popen(command, stdout=full, stderr=subprocess.PIPE, text=True, env=environment)
         try:
@@ -561,7 +568,7 @@ def test_a_child_process_can_write_to_closed_streams() -> None:
     child = "import os; os.write(1, b'into the first file that is opened')"
     script = f"""
 import subprocess, sys
-from cell.support.process.standard_streams import lasting_streams
+from foldcell.cell.support.process.standard_streams import lasting_streams
 with lasting_streams():
     sys.exit(subprocess.run([sys.executable, "-c", {child!r}]).returncode)
 """
@@ -571,7 +578,7 @@ with lasting_streams():
 
 def test_a_stream_with_a_small_encoding_does_not_stop_a_command(tmp_path: Path) -> None:
     """Before, a name with an umlaut on an ASCII terminal was reported as a bug, and the result was lost."""
-    script = "import sys; from cell.commands.main import main; sys.exit(main(sys.argv[1:]))"
+    script = "import sys; from foldcell.cell.commands.main import main; sys.exit(main(sys.argv[1:]))"
     folder = tmp_path / "Wäsche"
     folder.mkdir()
     with Journal.open(folder / "journal.db") as journal:
@@ -635,9 +642,9 @@ def test_garment_show_prints_the_garment(capsys: pytest.CaptureFixture[str]) -> 
 
 def picture(path: Path, garment: bool) -> Path:
     """A table seen by the nominal camera: uniform grey, with the medium towel as a uniform dark rectangle."""
-    from cell.config.cell_settings import load_settings
-    from cell.config.garments.garment_file import load_garment
-    from cell.hardware.camera import camera_calibration
+    from foldcell.cell.config.cell_settings import load_settings
+    from foldcell.cell.config.garments.garment_file import load_garment
+    from foldcell.cell.hardware.camera import camera_calibration
 
     calibration = camera_calibration(load_settings())
     rng = np.random.default_rng(0)
@@ -689,7 +696,7 @@ def test_perceive_refuses_a_picture_of_another_size(tmp_path: Path, capsys: pyte
 
 
 def test_depth_files_are_read_in_metres_and_other_arrays_are_refused(tmp_path: Path) -> None:
-    from cell.support.files.picture_file import read_depth
+    from foldcell.cell.support.files.picture_file import read_depth
 
     cv2.imwrite(str(tmp_path / "d.png"), np.array([[1100, 0]], np.uint16))
     np.save(tmp_path / "d.npy", np.array([[1.1, 0.0]]))
@@ -723,7 +730,7 @@ def test_trials_report_runs_successes_and_interval(
     fake: FakeRun, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
 
-    monkeypatch.setattr("cell.campaigns.executors.worker_pool", ThreadPoolExecutor)
+    monkeypatch.setattr("foldcell.cell.campaigns.executors.worker_pool", ThreadPoolExecutor)
     assert main(["trials", "--garments", "medium_towel", "--n", "3", "--json"]) == 0
     answer = last_json(capsys.readouterr().out)
     (row,) = answer["garments"]
@@ -735,7 +742,7 @@ def test_trials_report_runs_successes_and_interval(
 
 def test_a_garment_that_is_named_twice_counts_once(fake: FakeRun, monkeypatch: pytest.MonkeyPatch) -> None:
     """Repeated seeds are no further evidence, and the interval would be too narrow."""
-    monkeypatch.setattr("cell.campaigns.executors.worker_pool", ThreadPoolExecutor)
+    monkeypatch.setattr("foldcell.cell.campaigns.executors.worker_pool", ThreadPoolExecutor)
     assert main(["trials", "--garments", "medium_towel, small_towel,medium_towel", "--n", "2"]) == 0
     runs = sorted((r.garment, r.seed) for r in fake.requests)
     assert runs == [("medium_towel", 1), ("medium_towel", 2), ("small_towel", 1), ("small_towel", 2)]
@@ -744,7 +751,7 @@ def test_a_garment_that_is_named_twice_counts_once(fake: FakeRun, monkeypatch: p
 def test_runs_of_a_campaign_share_the_user_library_but_not_their_own_entries(
     fake: FakeRun, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("cell.campaigns.executors.worker_pool", ThreadPoolExecutor)
+    monkeypatch.setattr("foldcell.cell.campaigns.executors.worker_pool", ThreadPoolExecutor)
     (tmp_path / "library.json").write_text("the user's")
     assert main(["trials", "--garments", "medium_towel", "--n", "3", "--logs", str(tmp_path)]) == 0
     logs = [r.logs for r in fake.requests]
@@ -755,7 +762,7 @@ def test_runs_of_a_campaign_share_the_user_library_but_not_their_own_entries(
 def test_an_interrupted_campaign_keeps_the_finished_runs(
     fake: FakeRun, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("cell.campaigns.executors.worker_pool", ThreadPoolExecutor)
+    monkeypatch.setattr("foldcell.cell.campaigns.executors.worker_pool", ThreadPoolExecutor)
 
     class InterruptedOutput(io.StringIO):
         """The operator presses Ctrl-C when the second run is reported."""
@@ -783,7 +790,7 @@ def test_a_dead_worker_is_reported_with_the_table(
         def die(self) -> None:
             raise BrokenExecutor("a worker was killed")
 
-    monkeypatch.setattr("cell.campaigns.executors.worker_pool", DyingPool)
+    monkeypatch.setattr("foldcell.cell.campaigns.executors.worker_pool", DyingPool)
     assert main(["trials", "--garments", "medium_towel", "--n", "2"]) == 3
     assert "2 runs were not performed" in capsys.readouterr().out
 
@@ -791,7 +798,7 @@ def test_a_dead_worker_is_reported_with_the_table(
 def test_an_interrupted_campaign_is_continued_with_its_missing_runs_only(
     fake: FakeRun, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("cell.campaigns.executors.worker_pool", ThreadPoolExecutor)
+    monkeypatch.setattr("foldcell.cell.campaigns.executors.worker_pool", ThreadPoolExecutor)
     assert main(["trials", "--garments", "medium_towel", "--n", "4", "--json"]) == 0
     answer = last_json(capsys.readouterr().out)
     folder = Path(answer["directory"])
@@ -805,7 +812,7 @@ def test_an_interrupted_campaign_is_continued_with_its_missing_runs_only(
 def test_campaign_files_are_performed_compared_and_listed(
     fake: FakeRun, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("cell.campaigns.executors.worker_pool", ThreadPoolExecutor)
+    monkeypatch.setattr("foldcell.cell.campaigns.executors.worker_pool", ThreadPoolExecutor)
     path = tmp_path / "campaign.yaml"
     path.write_text(
         "about: a question\ngarments: [small_towel]\nseeds: [4, 5]\n"

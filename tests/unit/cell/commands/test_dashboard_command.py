@@ -11,15 +11,15 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands.main import main
-from cell.operator.local_server import open_listener
+from foldcell.cell.commands.main import main
+from foldcell.cell.operator.local_server import open_listener
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_the_page_is_served_until_a_signal_ends_the_command(
     tmp_path: Path, number: signal.Signals, code: int
 ) -> None:
-    line = [sys.executable, "-m", "cell.commands.main", "dashboard", "--logs", str(tmp_path), "--json"]
+    line = [sys.executable, "-m", "foldcell.cell.commands.main", "dashboard", "--logs", str(tmp_path), "--json"]
     with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None

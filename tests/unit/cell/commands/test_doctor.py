@@ -9,13 +9,13 @@ from typing import Any
 
 import pytest
 
-from cell.commands.installation import checks as doctor
-from cell.commands.installation.checks import Check, Verdict, examine, pinned_versions, required_packages
-from cell.commands.main import main
-from cell.journal.journal import Journal
-from robots.errors import ConfigurationError
-from robots.registry import find_robot
-from robots.robot import Robot
+from foldcell.cell.commands.installation import checks as doctor
+from foldcell.cell.commands.installation.checks import Check, Verdict, examine, pinned_versions, required_packages
+from foldcell.cell.commands.main import main
+from foldcell.cell.journal.journal import Journal
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.registry import find_robot
+from foldcell.robots.robot import Robot
 
 
 def by_name(checks: list[Check]) -> dict[str, Check]:

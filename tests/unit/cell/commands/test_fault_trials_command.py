@@ -10,14 +10,14 @@ from typing import Any
 
 import pytest
 
-from cell.campaigns.hil.director import Observations
-from cell.campaigns.hil.script import Action
-from cell.campaigns.trials import perform_trial
-from cell.campaigns.trials.campaign import TrialRequest
-from cell.campaigns.trials.trial import Trial
-from cell.commands.main import main
-from cell.record.run_record import RunResult
-from robots.errors import FailureKind
+from foldcell.cell.campaigns.hil.director import Observations
+from foldcell.cell.campaigns.hil.script import Action
+from foldcell.cell.campaigns.trials import perform_trial
+from foldcell.cell.campaigns.trials.campaign import TrialRequest
+from foldcell.cell.campaigns.trials.trial import Trial
+from foldcell.cell.commands.main import main
+from foldcell.cell.record.run_record import RunResult
+from foldcell.robots.errors import FailureKind
 from tests.builders.campaigns import record, request
 
 
@@ -48,7 +48,7 @@ class Runs:
 def runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Runs:
     replaced = Runs()
     monkeypatch.setattr(perform_trial, "_this_version", replaced.perform)
-    monkeypatch.setattr("cell.campaigns.executors.worker_pool", ThreadPoolExecutor)
+    monkeypatch.setattr("foldcell.cell.campaigns.executors.worker_pool", ThreadPoolExecutor)
     monkeypatch.setenv("FOLDCELL_LOGS", str(tmp_path / "logs"))
     return replaced
 

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 import yaml
 
-from cell.commands.main import main
-from cell.config.calibration_file import table_text
-from cell.config.garments.garment_file import shipped_garment_path
-from cell.states.state_chart import CHART
-from cell.support.junit import junit_text
-from skills.trajectory.export.tool_poses import MARKS, tool_poses_text
-from skills.trajectory.trajectory_library import Library, to_json
+from foldcell.cell.commands.main import main
+from foldcell.cell.config.calibration_file import table_text
+from foldcell.cell.config.garments.garment_file import shipped_garment_path
+from foldcell.cell.states.state_chart import CHART
+from foldcell.cell.support.junit import junit_text
+from foldcell.skills.trajectory.export.tool_poses import MARKS, tool_poses_text
+from foldcell.skills.trajectory.trajectory_library import Library, to_json
 
 SCRIPT = {
     "about": "a towel",
@@ -143,6 +143,6 @@ def test_the_chart_of_an_installed_program_is_not_replaced(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = CHART.stat()
-    monkeypatch.setattr("cell.commands.installation.chart.repository_root", lambda: None)
+    monkeypatch.setattr("foldcell.cell.commands.installation.chart.repository_root", lambda: None)
     assert main(["chart"]) == 64 and "--output SVG" in capsys.readouterr().err
     assert CHART.stat() == before

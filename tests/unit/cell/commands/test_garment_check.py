@@ -9,8 +9,8 @@ import cv2
 import pytest
 import yaml
 
-from cell.commands.main import main
-from cell.config.garments.garment_file import shipped_garment_path
+from foldcell.cell.commands.main import main
+from foldcell.cell.config.garments.garment_file import shipped_garment_path
 
 
 def test_garment_check_tells_which_fold_will_not_go_and_why(

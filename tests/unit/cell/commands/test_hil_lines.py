@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 import yaml
 
-from cell.campaigns.hil.script_run import ScriptResult
-from cell.commands.main import main
-from cell.commands.run import hil
+from foldcell.cell.campaigns.hil.script_run import ScriptResult
+from foldcell.cell.commands.main import main
+from foldcell.cell.commands.run import hil
 
 
 @pytest.mark.parametrize("broken", [(), ("the run did not fold",)])

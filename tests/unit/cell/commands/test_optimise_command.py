@@ -16,11 +16,11 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-from cell.commands.main import main
-from cell.config.garments.garment_file import load_garment
-from skills.fold_plan.crease_mesh import predictor_mesh
-from skills.fold_plan.folding import silhouette, target_vertices
-from skills.fold_plan.plan import plan_folds
+from foldcell.cell.commands.main import main
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.skills.fold_plan.crease_mesh import predictor_mesh
+from foldcell.skills.fold_plan.folding import silhouette, target_vertices
+from foldcell.skills.fold_plan.plan import plan_folds
 
 SIDE = 0.36
 SPEED = 0.30

@@ -9,8 +9,8 @@ import pytest
 
 from benchmarks.perception.photograph_figures import look_at, worst_error
 from benchmarks.perception.photographs import photograph as drawn
-from cell.commands.main import main
-from cell.config.garments.garment_file import list_garments, load_garment
+from foldcell.cell.commands.main import main
+from foldcell.cell.config.garments.garment_file import list_garments, load_garment
 
 KEYS = {"category", "confidence", "keypoints", "unit", "accepted", "reason", "contour"}
 

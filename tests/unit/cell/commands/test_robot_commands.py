@@ -14,13 +14,13 @@ from xml.etree import ElementTree
 
 import pytest
 
-from cell.commands.main import main
-from cell.config.cell_settings import load_settings
-from cell.hardware.contract.clauses import CLAUSES
-from robots import registry
-from robots.errors import ConfigurationError
-from robots.registry import GROUP, find_robot, list_robots
-from robots.urdf.skeleton import skeleton_files
+from foldcell.cell.commands.main import main
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.hardware.contract.clauses import CLAUSES
+from foldcell.robots import registry
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.registry import GROUP, find_robot, list_robots
+from foldcell.robots.urdf.skeleton import skeleton_files
 
 NAME = "two_box_arms"
 ROOT = Path(__file__).resolve().parents[4]

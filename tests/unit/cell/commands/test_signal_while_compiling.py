@@ -13,14 +13,14 @@ import pytest
 COMMAND = """
 import argparse, hashlib, sys
 from numba.core.dispatcher import Dispatcher
-from cell.commands.exit_codes import framed
+from foldcell.cell.commands.exit_codes import framed
 
 def compile(self, signature):  # in C, without the interpreter's lock and without an end, like LLVM
     print("compiling", flush=True)
     hashlib.pbkdf2_hmac("sha256", b"", b"", 2**31 - 1)
 
 Dispatcher.compile = compile
-from skills.compiled import cached
+from foldcell.skills.compiled import cached
 
 @cached()
 def twice(x):

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands import exit_codes
-from cell.commands.main import main
-from cell.config.yaml_file import parse_yaml
-from cell.support.files.paths import logs_directory, user_cache
-from cell.support.process.standard_streams import lasting_streams
-from robots.errors import ConfigurationError
+from foldcell.cell.commands import exit_codes
+from foldcell.cell.commands.main import main
+from foldcell.cell.config.yaml_file import parse_yaml
+from foldcell.cell.support.files.paths import logs_directory, user_cache
+from foldcell.cell.support.process.standard_streams import lasting_streams
+from foldcell.robots.errors import ConfigurationError
 
 LATIN = os.fsdecode(b"sh\xe9et")
 
@@ -126,6 +126,6 @@ def test_a_stray_byte_typed_at_the_terminal_does_not_end_its_reading(monkeypatch
 
 
 def test_the_installed_command_refuses_bytes_of_the_shell(folder: Path) -> None:
-    line = [os.fsencode(sys.executable), b"-m", b"cell.commands.main", b"perceive", b"sh\xe9et.png"]
+    line = [os.fsencode(sys.executable), b"-m", b"foldcell.cell.commands.main", b"perceive", b"sh\xe9et.png"]
     done = subprocess.run(line, capture_output=True, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
     assert done.returncode == 64 and done.stderr.startswith(b"foldcell: command line: the name 'sh\\udce9et.png'")

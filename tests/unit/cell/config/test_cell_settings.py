@@ -10,13 +10,13 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cell.config.calibration_file import calibration_text, load_camera_calibration
-from cell.config.cell_settings import RENAMED_KEYS, CellSettings, default_settings_path, load_settings
-from cell.config.yaml_file import merge, read_yaml
-from cell.hardware.camera import camera_calibration
-from robots.errors import ConfigurationError
-from robots.ros.driver import CameraTopics, RosSettings
-from skills.cloth.pinch import PadGeometry
+from foldcell.cell.config.calibration_file import calibration_text, load_camera_calibration
+from foldcell.cell.config.cell_settings import RENAMED_KEYS, CellSettings, default_settings_path, load_settings
+from foldcell.cell.config.yaml_file import merge, read_yaml
+from foldcell.cell.hardware.camera import camera_calibration
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.ros.driver import CameraTopics, RosSettings
+from foldcell.skills.cloth.pinch import PadGeometry
 
 
 def refusal(tmp_path: Path, text: str) -> ConfigurationError:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cell.config.cell_settings import load_settings
-from cell.config.changed_settings import changed_settings, differing
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.config.changed_settings import changed_settings, differing
 
 
 def test_the_shipped_settings_differ_in_nothing() -> None:

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 import yaml
 
-from cell.config import cell_settings
-from cell.config.calibration_file import tactile_text
-from cell.config.cell_settings import load_settings
-from cell.config.deciding_setting import LIMITS, deciding_setting, grasping_hint
-from robots.errors import Failure, FailureKind
+from foldcell.cell.config import cell_settings
+from foldcell.cell.config.calibration_file import tactile_text
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.config.deciding_setting import LIMITS, deciding_setting, grasping_hint
+from foldcell.robots.errors import Failure, FailureKind
 
 SHIPPED = yaml.safe_load(Path(cell_settings.__file__).with_name("cell.yaml").read_text())
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from benchmarks.cloth.meshes import smallest_angle
-from cell.config.garments.fabric_file import load_fabrics
-from cell.config.garments.garment_file import list_garments, load_garment
-from cell.simulation.garment.garment import WorldGarment
-from cell.simulation.noise import load_noise
-from skills.cloth.elasticity import flexural_rigidity
+from foldcell.cell.config.garments.fabric_file import load_fabrics
+from foldcell.cell.config.garments.garment_file import list_garments, load_garment
+from foldcell.cell.simulation.garment.garment import WorldGarment
+from foldcell.cell.simulation.noise import load_noise
+from foldcell.skills.cloth.elasticity import flexural_rigidity
 
 GARMENTS = {name: load_garment(name) for name in list_garments()}
 PROPERTIES = ("areal_mass", "bending_length", "thickness", "friction_layers")

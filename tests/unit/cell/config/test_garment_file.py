@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 import yaml
 
-from cell.config.garments.garment_file import AVERAGE, list_garments, load_garment, shipped_garment_path
-from robots.errors import ConfigurationError
-from skills.vocabulary import Material
+from foldcell.cell.config.garments.garment_file import AVERAGE, list_garments, load_garment, shipped_garment_path
+from foldcell.robots.errors import ConfigurationError
+from foldcell.skills.vocabulary import Material
 
 
 def towel() -> dict[str, Any]:

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.config.garments.garment_file import list_garments, load_garment
-from cell.config.trajectory_library.ideal_heights_file import (
+from foldcell.cell.config.garments.garment_file import list_garments, load_garment
+from foldcell.cell.config.trajectory_library.ideal_heights_file import (
     ideal_heights_of,
     put_ideal_heights,
     user_heights_path,
 )
-from skills.fold_plan.ideal_heights import IdealFoldHeights, bending_lengths, ideal_fold_heights
+from foldcell.skills.fold_plan.ideal_heights import IdealFoldHeights, bending_lengths, ideal_fold_heights
 
 TOWEL = load_garment("small_towel")
 HEIGHTS = tuple(IdealFoldHeights(0.01 * k, 0.011 * k, 0.02 * k, 0.015 * k) for k in (1, 2, 3))

@@ -14,20 +14,27 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-import cell.config.trajectory_library.library_file as files
-from cell.config.garments.garment_file import load_garment
-from cell.config.trajectory_library.library_file import (
+import foldcell.cell.config.trajectory_library.library_file as files
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.config.trajectory_library.library_file import (
     add_entry,
     load_library,
     shipped_library_path,
     user_library_path,
     write_library,
 )
-from cell.planning.trajectory_library_build import build_library
-from robots.errors import StorageError
-from skills.fold_plan.folding import target_vertices
-from skills.fold_plan.plan import plan_folds
-from skills.trajectory.trajectory_library import Library, LibraryEntry, from_json, lookup, to_json, trajectory_from
+from foldcell.cell.planning.trajectory_library_build import build_library
+from foldcell.robots.errors import StorageError
+from foldcell.skills.fold_plan.folding import target_vertices
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.trajectory.trajectory_library import (
+    Library,
+    LibraryEntry,
+    from_json,
+    lookup,
+    to_json,
+    trajectory_from,
+)
 
 TOWELS = ("small_towel", "medium_towel", "large_towel")
 TOWEL = load_garment("medium_towel")
@@ -104,7 +111,7 @@ def test_a_folder_that_may_not_be_read_is_a_storage_error(
 ) -> None:
     """The lock file is in this folder. A run continues without the entry."""
     monkeypatch.setattr(
-        "cell.config.trajectory_library.library_file.os.open",
+        "foldcell.cell.config.trajectory_library.library_file.os.open",
         Mock(side_effect=PermissionError(errno.EACCES, "Permission denied")),
     )
     with pytest.raises(StorageError, match="cannot be read: Permission denied"):

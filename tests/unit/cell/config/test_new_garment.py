@@ -11,14 +11,14 @@ import cv2
 import numpy as np
 import pytest
 
-from cell.commands.main import main
-from cell.config.cell_settings import load_settings
-from cell.config.garments.garment_file import load_garment
-from cell.hardware.camera import camera_calibration
-from cell.hardware.photograph import Photograph, picture_measure
-from cell.operator.key_points.editing import KeyPointEdit
-from robots.errors import ConfigurationError
-from skills.perception.rectification.table_view import TableView
+from foldcell.cell.commands.main import main
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.hardware.camera import camera_calibration
+from foldcell.cell.hardware.photograph import Photograph, picture_measure
+from foldcell.cell.operator.key_points.editing import KeyPointEdit
+from foldcell.robots.errors import ConfigurationError
+from foldcell.skills.perception.rectification.table_view import TableView
 
 OWN = {  # a user's T-shirt [m]: longer and narrower than the shipped one, with shorter sleeves
     "hem_right": (-0.36, -0.22), "armpit_right": (0.13, -0.22), "cuff_lower_right": (0.08, -0.34),
@@ -55,7 +55,9 @@ def test_a_new_shirt_is_made_from_a_photograph(
     shirt: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("cell.hardware.placement.fitting_poses", lambda *_: None)  # planning a shirt takes long
+    monkeypatch.setattr(
+        "foldcell.cell.hardware.placement.fitting_poses", lambda *_: None
+    )  # planning a shirt takes long
     hem = ["--between", "hem_right,hem_left", "--length", "0.44"]
     line = ["garment", "new", str(shirt), "--like", "t_shirt", *hem]
     assert main([*line, "--json"]) == 0
@@ -139,8 +141,8 @@ def test_key_points_by_hand_make_a_garment_that_was_not_recognised(
     shirt: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("cell.hardware.placement.fitting_poses", lambda *_: None)
-    monkeypatch.setattr("cell.commands.garment.new.look_at", None)  # the picture is not interpreted
+    monkeypatch.setattr("foldcell.cell.hardware.placement.fitting_poses", lambda *_: None)
+    monkeypatch.setattr("foldcell.cell.commands.garment.new.look_at", None)  # the picture is not interpreted
     Path("by_hand.yaml").write_text(json.dumps(pixels()), encoding="utf-8")
     assert main(["garment", "new", str(shirt), *BY_HAND, "--json"]) == 0
     told = answer(capsys)
@@ -178,7 +180,9 @@ def test_key_points_with_other_proportions_are_a_doubt(
     shirt: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("cell.hardware.placement.fitting_poses", lambda *_: None)  # planning a shirt takes long
+    monkeypatch.setattr(
+        "foldcell.cell.hardware.placement.fitting_poses", lambda *_: None
+    )  # planning a shirt takes long
     Path("by_hand.yaml").write_text(json.dumps(pixels() | {"armpit_left": NEAR_THE_HEM}), encoding="utf-8")
     assert main(["garment", "new", str(shirt), *BY_HAND]) == 0
     doubt = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("doubt"))
@@ -200,8 +204,8 @@ def person(monkeypatch: pytest.MonkeyPatch, act: Callable[..., bool]) -> list[Ke
         announce("http://127.0.0.1:8642/secret/")
         return act(keep, save)
 
-    monkeypatch.setattr("cell.commands.garment.edit.edit_key_points", edit_key_points)
-    monkeypatch.setattr("cell.hardware.placement.fitting_poses", lambda *_: None)
+    monkeypatch.setattr("foldcell.cell.commands.garment.edit.edit_key_points", edit_key_points)
+    monkeypatch.setattr("foldcell.cell.hardware.placement.fitting_poses", lambda *_: None)
     return seen
 
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from benchmarks.real_outlines import RealGarment, real_garments
-from cell.config.garments.garment_file import load_garment
-from cell.config.garments.new_garment import new_garment_text
-from skills.fold_plan.folding import layers_at
-from skills.fold_plan.plan import LEAST_FLAP, plan_folds
-from skills.garments.key_point_check import check_key_points
-from skills.garments.picture_measure import PictureMeasure
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.config.garments.new_garment import new_garment_text
+from foldcell.skills.fold_plan.folding import layers_at
+from foldcell.skills.fold_plan.plan import LEAST_FLAP, plan_folds
+from foldcell.skills.garments.key_point_check import check_key_points
+from foldcell.skills.garments.picture_measure import PictureMeasure
 
 GARMENTS = {garment.name: garment for garment in real_garments()}
 SCALE = 800.0

@@ -8,12 +8,16 @@ from pathlib import Path
 
 import pytest
 
-from cell.campaigns.hil.script import read_script
-from cell.config.calibration_file import load_camera_calibration, load_table_height, load_tactile_thresholds
-from cell.config.cell_settings import load_settings
-from cell.config.garments.garment_file import load_garment
-from cell.config.yaml_file import DEEPEST, LARGEST_FILE, MOST_VALUES, parse_yaml, read_yaml
-from robots.errors import ConfigurationError
+from foldcell.cell.campaigns.hil.script import read_script
+from foldcell.cell.config.calibration_file import (
+    load_camera_calibration,
+    load_table_height,
+    load_tactile_thresholds,
+)
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.config.yaml_file import DEEPEST, LARGEST_FILE, MOST_VALUES, parse_yaml, read_yaml
+from foldcell.robots.errors import ConfigurationError
 from tests.builders.yaml_texts import aliases_of_aliases
 
 READERS = {

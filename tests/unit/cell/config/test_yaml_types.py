@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 import yaml
 
-from cell.campaigns.hil.script import read_script
-from cell.config import yaml_file
-from cell.config.calibration_file import (
+from foldcell.cell.campaigns.hil.script import read_script
+from foldcell.cell.config import yaml_file
+from foldcell.cell.config.calibration_file import (
     calibration_text,
     load_camera_calibration,
     load_table_height,
@@ -21,11 +21,11 @@ from cell.config.calibration_file import (
     table_text,
     tactile_text,
 )
-from cell.config.cell_settings import default_settings_path, load_settings
-from cell.config.garments.garment_file import load_garment, shipped_garment_path
-from cell.config.yaml_file import parse_yaml, read_yaml
-from cell.hardware.camera import camera_calibration
-from robots.errors import ConfigurationError
+from foldcell.cell.config.cell_settings import default_settings_path, load_settings
+from foldcell.cell.config.garments.garment_file import load_garment, shipped_garment_path
+from foldcell.cell.config.yaml_file import parse_yaml, read_yaml
+from foldcell.cell.hardware.camera import camera_calibration
+from foldcell.robots.errors import ConfigurationError
 
 SCRIPT = """
 about: everything that a script can say

@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cell.control.checks import FrozenStateWatch
-from cell.control.loop import ControlLoop
-from cell.control.motions.hold_position import wait
-from cell.control.motions.trajectory import stream
-from cell.control.path_clock import PathControl
-from cell.control.set_points import LastCommand
-from cell.control.ticks import TICK_S
-from robots.errors import Failure, FailureKind
-from robots.model import JointLimits
-from robots.ports import JointState
-from skills.motion.timing.timing import free_motion
+from foldcell.cell.control.checks import FrozenStateWatch
+from foldcell.cell.control.loop import ControlLoop
+from foldcell.cell.control.motions.hold_position import wait
+from foldcell.cell.control.motions.trajectory import stream
+from foldcell.cell.control.path_clock import PathControl
+from foldcell.cell.control.set_points import LastCommand
+from foldcell.cell.control.ticks import TICK_S
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.model import JointLimits
+from foldcell.robots.ports import JointState
+from foldcell.skills.motion.timing.timing import free_motion
 from tests.builders.shipped_settings import LIMITS
 from tests.fakes import FakeCell
 

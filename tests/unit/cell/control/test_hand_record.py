@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from cell.control.hand_record import HandRecord
-from robots.ports import JointState, Side
+from foldcell.cell.control.hand_record import HandRecord
+from foldcell.robots.ports import JointState, Side
 
 OPENINGS = {Side.LEFT: 0.002, Side.RIGHT: 0.003}
 

@@ -10,32 +10,32 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.control.loop import ControlLoop
-from cell.control.motion import Feedback, Motion, Order, SetPoint, Tick
-from cell.control.motions.guarded_motions import (
+from foldcell.cell.control.loop import ControlLoop
+from foldcell.cell.control.motion import Feedback, Motion, Order, SetPoint, Tick
+from foldcell.cell.control.motions.guarded_motions import (
     FingertipForceMonitor,
     GuardedHand,
     Lowering,
     guarded_descent,
     push_down,
 )
-from cell.control.motions.hands import Hands, each_hand
-from cell.control.motions.hold_position import wait
-from cell.control.motions.trajectory import stream
-from cell.control.path_clock import PathControl
-from cell.control.set_points import LastCommand
-from cell.control.ticks import LOST_S, TICK_S
-from cell.states.commands import CommandQueue
-from cell.states.transition_table import Event
-from robots.errors import Failure, FailureKind
-from robots.model import JointLimits
-from robots.ports import ArmTrajectory, Array, JointSetpoint, JointState, Ports, Side, arm_slice
-from skills.grasping.descend import DescentGoal, start_descent
-from skills.grasping.hand_reading import validate_reading
-from skills.grasping.tare import TactileBias
-from skills.motion.moves.grasp import Descent
-from skills.motion.timing.jerk_limiter import JerkLimiter
-from skills.vocabulary import Outcome
+from foldcell.cell.control.motions.hands import Hands, each_hand
+from foldcell.cell.control.motions.hold_position import wait
+from foldcell.cell.control.motions.trajectory import stream
+from foldcell.cell.control.path_clock import PathControl
+from foldcell.cell.control.set_points import LastCommand
+from foldcell.cell.control.ticks import LOST_S, TICK_S
+from foldcell.cell.states.commands import CommandQueue
+from foldcell.cell.states.transition_table import Event
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.model import JointLimits
+from foldcell.robots.ports import ArmTrajectory, Array, JointSetpoint, JointState, Ports, Side, arm_slice
+from foldcell.skills.grasping.descend import DescentGoal, start_descent
+from foldcell.skills.grasping.hand_reading import validate_reading
+from foldcell.skills.grasping.tare import TactileBias
+from foldcell.skills.motion.moves.grasp import Descent
+from foldcell.skills.motion.timing.jerk_limiter import JerkLimiter
+from foldcell.skills.vocabulary import Outcome
 from tests.builders.shipped_settings import GRASP, LIMITS
 from tests.fakes import FakeCell
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cell.control.loop import ControlLoop
-from cell.control.motions.trajectory import stream
-from cell.control.path_clock import PathControl
-from cell.control.rest import REST_S, STILL_S, await_rest, stand_by
-from cell.control.set_points import SPACING, LastCommand, PathRecord
-from cell.control.ticks import TICK_S
-from robots.errors import FailureKind
-from robots.model import JointLimits
-from robots.ports import ArmTrajectory
+from foldcell.cell.control.loop import ControlLoop
+from foldcell.cell.control.motions.trajectory import stream
+from foldcell.cell.control.path_clock import PathControl
+from foldcell.cell.control.rest import REST_S, STILL_S, await_rest, stand_by
+from foldcell.cell.control.set_points import SPACING, LastCommand, PathRecord
+from foldcell.cell.control.ticks import TICK_S
+from foldcell.robots.errors import FailureKind
+from foldcell.robots.model import JointLimits
+from foldcell.robots.ports import ArmTrajectory
 from tests.builders.shipped_settings import LIMITS
 from tests.fakes import FakeCell
 

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.control.motions.hands import Hands, control_hands, each_hand
-from cell.control.motions.hold_position import wait
-from cell.control.motions.trajectory import stream
-from cell.control.path_clock import PathControl
-from cell.control.set_points import LastCommand, blend
-from cell.hardware.workcell import Workcell
-from robots.errors import FailureKind
-from robots.ports import ArmTrajectory, Side
-from skills.vocabulary import Outcome
+from foldcell.cell.control.motions.hands import Hands, control_hands, each_hand
+from foldcell.cell.control.motions.hold_position import wait
+from foldcell.cell.control.motions.trajectory import stream
+from foldcell.cell.control.path_clock import PathControl
+from foldcell.cell.control.set_points import LastCommand, blend
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.robots.errors import FailureKind
+from foldcell.robots.ports import ArmTrajectory, Side
+from foldcell.skills.vocabulary import Outcome
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
 

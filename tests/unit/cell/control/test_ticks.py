@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from cell.control.ticks import LOST_S, TICK_S, Ticks
+from foldcell.cell.control.ticks import LOST_S, TICK_S, Ticks
 
 
 class Late:

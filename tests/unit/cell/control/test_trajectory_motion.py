@@ -7,19 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cell.control.checks import SETTLE_S, come_to_rest, hold
-from cell.control.loop import ControlLoop
-from cell.control.motion import Tick
-from cell.control.motions.hold_position import wait
-from cell.control.motions.trajectory import OFF_PATH, stream
-from cell.control.path_clock import PathControl
-from cell.control.set_points import LastCommand
-from cell.control.ticks import TICK_S
-from cell.states.commands import CommandQueue
-from cell.states.transition_table import Event
-from robots.errors import Failure, FailureKind
-from robots.model import JointLimits
-from robots.ports import ArmTrajectory, JointSetpoint, Ports
+from foldcell.cell.control.checks import SETTLE_S, come_to_rest, hold
+from foldcell.cell.control.loop import ControlLoop
+from foldcell.cell.control.motion import Tick
+from foldcell.cell.control.motions.hold_position import wait
+from foldcell.cell.control.motions.trajectory import OFF_PATH, stream
+from foldcell.cell.control.path_clock import PathControl
+from foldcell.cell.control.set_points import LastCommand
+from foldcell.cell.control.ticks import TICK_S
+from foldcell.cell.states.commands import CommandQueue
+from foldcell.cell.states.transition_table import Event
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.model import JointLimits
+from foldcell.robots.ports import ArmTrajectory, JointSetpoint, Ports
 from tests.builders.shipped_settings import LIMITS
 from tests.fakes import FakeCell
 

@@ -8,14 +8,14 @@ from typing import Any
 
 import pytest
 
-from cell.executive.effects import EFFECTS
-from cell.executive.machine import complete_table
-from cell.executive.runner import Runner
-from cell.hardware.workcell import Workcell
-from cell.states.recovery_table import RECOVERIES
-from cell.states.run_context import Result, RunContext, RunEnd
-from cell.states.transition_table import TERMINAL, TRANSITIONS, Effect, Event, Row, State
-from robots.errors import DriverError, Failure, FailureKind, InternalError, StorageError
+from foldcell.cell.executive.effects import EFFECTS
+from foldcell.cell.executive.machine import complete_table
+from foldcell.cell.executive.runner import Runner
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.states.recovery_table import RECOVERIES
+from foldcell.cell.states.run_context import Result, RunContext, RunEnd
+from foldcell.cell.states.transition_table import TERMINAL, TRANSITIONS, Effect, Event, Row, State
+from foldcell.robots.errors import DriverError, Failure, FailureKind, InternalError, StorageError
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
 

@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.config.garments.garment_file import load_garment
-from cell.executive.effects import EFFECTS
-from cell.executive.effects.inspecting import next_step
-from cell.executive.effects.recovery.deciding import ask_approval, ask_operator, pause
-from cell.executive.runner import EffectFunction, Runner
-from cell.journal.journal import Journal, RunJournal
-from cell.states.observers import Step
-from cell.states.run_context import Result, RunContext, RunEnd
-from cell.states.transition_table import REENTRIES, Effect, Event, State
-from robots.errors import DriverError, Failure, FailureKind, StorageError
-from robots.ports import Side
-from skills.vocabulary import FoldLine, FoldStep
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.executive.effects import EFFECTS
+from foldcell.cell.executive.effects.inspecting import next_step
+from foldcell.cell.executive.effects.recovery.deciding import ask_approval, ask_operator, pause
+from foldcell.cell.executive.runner import EffectFunction, Runner
+from foldcell.cell.journal.journal import Journal, RunJournal
+from foldcell.cell.states.observers import Step
+from foldcell.cell.states.run_context import Result, RunContext, RunEnd
+from foldcell.cell.states.transition_table import REENTRIES, Effect, Event, State
+from foldcell.robots.errors import DriverError, Failure, FailureKind, StorageError
+from foldcell.robots.ports import Side
+from foldcell.skills.vocabulary import FoldLine, FoldStep
 from tests.builders.contexts import context_with
 from tests.builders.records import record_builder
 from tests.fakes import FakeCell

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.hardware.assembly import assemble
-from cell.hardware.workcell import Workcell
-from cell.states.commands import CommandQueue
-from cell.view.recorder import Recorder
-from robots.baxter.robot import load_model
-from robots.ports import Side, arm_slice
-from skills.motion.kinematics import ik
-from skills.vocabulary import tool_rotation
+from foldcell.cell.hardware.assembly import assemble
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.states.commands import CommandQueue
+from foldcell.cell.view.recorder import Recorder
+from foldcell.robots.baxter.robot import load_model
+from foldcell.robots.ports import Side, arm_slice
+from foldcell.skills.motion.kinematics import ik
+from foldcell.skills.vocabulary import tool_rotation
 from tests.fakes import FakeCell
 from tests.runs import fold_request
 

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 import yaml
 
-from cell.config.cell_settings import CellSettings, load_settings
-from cell.hardware.camera import camera_calibration
-from cell.hardware.camera_place import expected_picture
-from cell.hardware.cell_check import Finding, cell_findings, refuse_unfit_cell
-from cell.hardware.cell_drawing import CAMERA_WIDTH, HEAD, PAD, draw_cell
-from cell.hardware.robot_model import load_robot
-from robots.errors import ConfigurationError
+from foldcell.cell.config.cell_settings import CellSettings, load_settings
+from foldcell.cell.hardware.camera import camera_calibration
+from foldcell.cell.hardware.camera_place import expected_picture
+from foldcell.cell.hardware.cell_check import Finding, cell_findings, refuse_unfit_cell
+from foldcell.cell.hardware.cell_drawing import CAMERA_WIDTH, HEAD, PAD, draw_cell
+from foldcell.cell.hardware.robot_model import load_robot
+from foldcell.robots.errors import ConfigurationError
 
 BEHIND_ITS_HEAD = {"position": [0.2, 0.0, 1.0], "target": [0.6, 0.0, 0.0], "view_deg": 58}
 """The parked arms are outside the picture, the robot's own head is in it: runs are refused."""

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from cell.hardware.driver import check_cell
-from cell.hardware.driver_names import DRIVERS, is_simulated
-from cell.simulation import SimulationSettings
-from robots.baxter.ros import messages
-from robots.errors import ConfigurationError
-from robots.ros import installation
+from foldcell.cell.hardware.driver import check_cell
+from foldcell.cell.hardware.driver_names import DRIVERS, is_simulated
+from foldcell.cell.simulation import SimulationSettings
+from foldcell.robots.baxter.ros import messages
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.ros import installation
 
 TOWEL = SimulationSettings(garment="small_towel")
 

@@ -11,13 +11,13 @@ from typing import cast
 
 import pytest
 
-from cell.config.cell_settings import load_settings
-from cell.hardware.camera import camera_calibration
-from cell.hardware.contract.clauses import CLAUSES, ClauseResult, check_driver
-from cell.hardware.contract.rig import REASON, Rig
-from cell.support.forwarding import forwarding
-from robots.errors import ConfigurationError
-from robots.ports import Ports, Side
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.hardware.camera import camera_calibration
+from foldcell.cell.hardware.contract.clauses import CLAUSES, ClauseResult, check_driver
+from foldcell.cell.hardware.contract.rig import REASON, Rig
+from foldcell.cell.support.forwarding import forwarding
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.ports import Ports, Side
 from tests.broken_drivers import (
     Break,
     along_the_ray,

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands.main import main
-from cell.config.cell_settings import load_settings
-from cell.config.garments.garment_file import list_garments, load_garment
-from cell.hardware.own_picture import own_picture_refused
-from robots.errors import FailureKind
+from foldcell.cell.commands.main import main
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.config.garments.garment_file import list_garments, load_garment
+from foldcell.cell.hardware.own_picture import own_picture_refused
+from foldcell.robots.errors import FailureKind
 
 
 @pytest.mark.parametrize("name", list_garments())

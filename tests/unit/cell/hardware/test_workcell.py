@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import pytest
 
-from robots.errors import DriverError, FailureKind
+from foldcell.robots.errors import DriverError, FailureKind
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.journal.frame_store import FrameStore
-from robots.errors import StorageError
-from robots.ports import CameraFrame, Intrinsics
+from foldcell.cell.journal.frame_store import FrameStore
+from foldcell.robots.errors import StorageError
+from foldcell.robots.ports import CameraFrame, Intrinsics
 
 
 def picture(seed: int, stamp: float = 1.25) -> CameraFrame:

@@ -17,16 +17,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cell.journal import journal as journal_module
-from cell.journal.journal import Journal, RunJournal
-from cell.support.json_values import to_json
-from robots.errors import ConfigurationError, FailureKind, InternalError, StorageError
-from robots.ports import Side
+from foldcell.cell.journal import journal as journal_module
+from foldcell.cell.journal.journal import Journal, RunJournal
+from foldcell.cell.support.json_values import to_json
+from foldcell.robots.errors import ConfigurationError, FailureKind, InternalError, StorageError
+from foldcell.robots.ports import Side
 
 WRITER = """
 import sys
 from pathlib import Path
-from cell.journal.journal import Journal
+from foldcell.cell.journal.journal import Journal
 run = Journal.open(Path(sys.argv[1])).begin_run(garment="medium_towel", seed=7, driver="sim")
 print(run.id, flush=True)
 for i in range(100_000):
@@ -171,7 +171,7 @@ def test_entries_from_several_threads_have_no_gaps(tmp_path: Path) -> None:
 
 def test_several_processes_share_a_new_journal(tmp_path: Path) -> None:
     script = (
-        "import sys; from pathlib import Path; from cell.journal.journal import Journal\n"
+        "import sys; from pathlib import Path; from foldcell.cell.journal.journal import Journal\n"
         "run = Journal.open(Path(sys.argv[1])).begin_run(garment='g', seed=None, driver='sim')\n"
         "run.event(0.0, 's', 'e'); run.end('folded')"
     )

@@ -12,20 +12,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.config.garments.garment_file import load_garment
-from cell.journal import run_checkpoint
-from cell.journal.frame_store import FrameStore
-from cell.journal.run_checkpoint import read_checkpoint, write_checkpoint
-from cell.states.recovery_table import Adjustment
-from cell.states.run_context import RunContext
-from cell.states.stages import FirstLook
-from cell.states.transition_table import Event
-from robots.errors import CellError, ConfigurationError, Failure, FailureKind, StorageError
-from robots.ports import CameraFrame, Intrinsics, Side
-from skills.cloth.mesh import mesh_from_contour
-from skills.grasping.tare import TactileBias
-from skills.perception.inspection.height_expectation import CameraBias
-from skills.vocabulary import GraspId
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.journal import run_checkpoint
+from foldcell.cell.journal.frame_store import FrameStore
+from foldcell.cell.journal.run_checkpoint import read_checkpoint, write_checkpoint
+from foldcell.cell.states.recovery_table import Adjustment
+from foldcell.cell.states.run_context import RunContext
+from foldcell.cell.states.stages import FirstLook
+from foldcell.cell.states.transition_table import Event
+from foldcell.robots.errors import CellError, ConfigurationError, Failure, FailureKind, StorageError
+from foldcell.robots.ports import CameraFrame, Intrinsics, Side
+from foldcell.skills.cloth.mesh import mesh_from_contour
+from foldcell.skills.grasping.tare import TactileBias
+from foldcell.skills.perception.inspection.height_expectation import CameraBias
+from foldcell.skills.vocabulary import GraspId
 from tests.builders.contexts import context_with
 
 SQUARE = np.array([[0.0, 0.0], [0.4, 0.0], [0.4, 0.3], [0.0, 0.3]])
@@ -135,7 +135,7 @@ def test_a_damaged_array_or_picture_is_refused(kept: Path, pattern: str, damage:
         read(kept)
 
 
-OTHER_FIELDS = {"cell.states.run_context.RunContext": ["fold"]}
+OTHER_FIELDS = {"foldcell.cell.states.run_context.RunContext": ["fold"]}
 
 
 @pytest.mark.parametrize(
@@ -143,7 +143,7 @@ OTHER_FIELDS = {"cell.states.run_context.RunContext": ["fold"]}
 )
 def test_a_checkpoint_of_another_version_is_refused(kept: Path, change: dict[str, Any]) -> None:
     head, _, body = (kept / "context").read_bytes().partition(b"\n")
-    assert "cell.states.run_context.RunContext" in json.loads(head)["fields"]
+    assert "foldcell.cell.states.run_context.RunContext" in json.loads(head)["fields"]
     (kept / "context").write_bytes(json.dumps(json.loads(head) | change).encode() + b"\n" + body)
     version = change.get("foldcell", r"\d")
     with pytest.raises(ConfigurationError, match=rf"written by another foldcell \(version {version}"):

@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
-from cell.operator.terminal.attendant import PersonAttendant
-from cell.states.commands import CommandQueue
-from cell.states.observers import Step
-from cell.states.transition_table import Effect, Event, State
-from robots.errors import DriverError, FailureKind
-from robots.ports import BoardPlace
+from foldcell.cell.operator.terminal.attendant import PersonAttendant
+from foldcell.cell.states.commands import CommandQueue
+from foldcell.cell.states.observers import Step
+from foldcell.cell.states.transition_table import Effect, Event, State
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.ports import BoardPlace
 from tests.builders.records import run_status
 from tests.fakes import FakeCell
 

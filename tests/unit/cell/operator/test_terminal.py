@@ -9,13 +9,13 @@ from typing import Any
 
 import pytest
 
-from cell.operator.progress.lines import ProgressLines
-from cell.operator.terminal.keys import KEYS, TerminalOperator
-from cell.states.commands import OPERATOR_EVENTS, CommandQueue
-from cell.states.observers import Step
-from cell.states.run_context import Result, RunContext
-from cell.states.transition_table import Effect, Event, State
-from robots.errors import Failure, FailureKind
+from foldcell.cell.operator.progress.lines import ProgressLines
+from foldcell.cell.operator.terminal.keys import KEYS, TerminalOperator
+from foldcell.cell.states.commands import OPERATOR_EVENTS, CommandQueue
+from foldcell.cell.states.observers import Step
+from foldcell.cell.states.run_context import Result, RunContext
+from foldcell.cell.states.transition_table import Effect, Event, State
+from foldcell.robots.errors import Failure, FailureKind
 from tests.builders.contexts import context_with
 
 

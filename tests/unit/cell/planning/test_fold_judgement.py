@@ -8,18 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.config.cell_settings import load_settings
-from cell.config.garments.garment_file import load_garment
-from cell.planning.fold_judgement import Reason, claim_limits, judge_edges, judge_fold, judge_hands
-from robots.ports import Array
-from skills.cloth.mesh import mesh_from_contour
-from skills.cloth.pinch import PinchReport
-from skills.fold_plan.folding import target_vertices
-from skills.fold_plan.plan import plan_folds
-from skills.scoring.alignment import FinalGarment
-from skills.scoring.score import keypoint_offsets, named_edge_pairs, score
-from skills.scoring.verdict import IdealHeights
-from skills.vocabulary import GraspId
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.planning.fold_judgement import Reason, claim_limits, judge_edges, judge_fold, judge_hands
+from foldcell.robots.ports import Array
+from foldcell.skills.cloth.mesh import mesh_from_contour
+from foldcell.skills.cloth.pinch import PinchReport
+from foldcell.skills.fold_plan.folding import target_vertices
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.scoring.alignment import FinalGarment
+from foldcell.skills.scoring.score import keypoint_offsets, named_edge_pairs, score
+from foldcell.skills.scoring.verdict import IdealHeights
+from foldcell.skills.vocabulary import GraspId
 
 TOWEL = load_garment("small_towel")
 STATE = TOWEL.flat_state(*TOWEL.poses.middle)

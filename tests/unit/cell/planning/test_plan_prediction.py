@@ -9,19 +9,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.config.cell_settings import load_settings
-from cell.config.garments.garment_file import load_garment
-from cell.config.trajectory_library.library_file import load_library
-from cell.planning import plan_prediction
-from cell.planning.plan_prediction import PlanPrediction, predict_plan
-from robots.errors import ConfigurationError, Failure, FailureKind, InternalError
-from robots.ports import Array
-from skills.cloth.mesh import mesh_from_contour
-from skills.cloth.pinch import PinchReport
-from skills.fold_plan.folding import target_vertices
-from skills.fold_plan.ideal_heights import IdealFoldHeights
-from skills.trajectory.trajectory_library import Library
-from skills.vocabulary import FoldStep, GraspTrajectory, Outcome
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.config.trajectory_library.library_file import load_library
+from foldcell.cell.planning import plan_prediction
+from foldcell.cell.planning.plan_prediction import PlanPrediction, predict_plan
+from foldcell.robots.errors import ConfigurationError, Failure, FailureKind, InternalError
+from foldcell.robots.ports import Array
+from foldcell.skills.cloth.mesh import mesh_from_contour
+from foldcell.skills.cloth.pinch import PinchReport
+from foldcell.skills.fold_plan.folding import target_vertices
+from foldcell.skills.fold_plan.ideal_heights import IdealFoldHeights
+from foldcell.skills.trajectory.trajectory_library import Library
+from foldcell.skills.vocabulary import FoldStep, GraspTrajectory, Outcome
 
 TOWEL = load_garment("small_towel")
 FIRST_VARIANTS = {step.name: step.variants[0].name for step in TOWEL.plan}

@@ -18,19 +18,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.commands.main import main
-from cell.config.garments.garment_file import load_garment
-from cell.config.trajectory_library.library_file import put_garments, user_library_path, write_library
-from cell.planning.trajectory_library_build import BuildProgress, BuiltStep, build_library
-from cell.planning.unfinished_build import UnfinishedBuild
-from robots.errors import CellError, FailureKind
-from skills.cloth.pinch import PadGeometry
-from skills.fold_plan.crease_mesh import predictor_mesh
-from skills.fold_plan.folding import target_vertices
-from skills.fold_plan.plan import plan_folds
-from skills.garments.garment import Garment
-from skills.trajectory.trajectory_library import Library, LibraryEntry, from_json, to_json
-from skills.vocabulary import GraspId
+from foldcell.cell.commands.main import main
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.config.trajectory_library.library_file import put_garments, user_library_path, write_library
+from foldcell.cell.planning.trajectory_library_build import BuildProgress, BuiltStep, build_library
+from foldcell.cell.planning.unfinished_build import UnfinishedBuild
+from foldcell.robots.errors import CellError, FailureKind
+from foldcell.skills.cloth.pinch import PadGeometry
+from foldcell.skills.fold_plan.crease_mesh import predictor_mesh
+from foldcell.skills.fold_plan.folding import target_vertices
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.trajectory.trajectory_library import Library, LibraryEntry, from_json, to_json
+from foldcell.skills.vocabulary import GraspId
 
 TOWEL, SMALL = load_garment("medium_towel"), load_garment("small_towel")
 BOTH = [TOWEL, SMALL]
@@ -144,8 +144,8 @@ def test_a_resumed_build_makes_the_same_library_after_an_interruption(tmp_path: 
 def test_a_resumed_build_makes_the_same_library_after_a_kill(tmp_path: Path, serial: Library) -> None:
     """The process gets SIGKILL at a random moment after the first entry."""
     code = (
-        "from pathlib import Path; from cell.planning.unfinished_build import UnfinishedBuild\n"
-        "from cell.planning.trajectory_library_build import *\n"
+        "from pathlib import Path; from foldcell.cell.planning.unfinished_build import UnfinishedBuild\n"
+        "from foldcell.cell.planning.trajectory_library_build import *\n"
         "from test_trajectory_library_build import *\n"
         f"part = UnfinishedBuild(Path({str(tmp_path / 'library.json')!r}), BOTH)\n"
         "build_library([TOWEL, SMALL], METHOD, Bowl(0.02), lambda b: part.keep(b.entry), budget=BUDGET)\n"
@@ -286,8 +286,8 @@ def test_a_built_library_replaces_only_its_own_entries(tmp_path: Path, serial: L
 def test_the_build_command_writes_the_library_and_reports(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], serial: Library
 ) -> None:
-    monkeypatch.setattr("cell.campaigns.executors.worker_pool", ThreadPoolExecutor)
-    monkeypatch.setattr("cell.commands.library.build.ClothPredictor", lambda pads: Bowl())
+    monkeypatch.setattr("foldcell.cell.campaigns.executors.worker_pool", ThreadPoolExecutor)
+    monkeypatch.setattr("foldcell.cell.commands.library.build.ClothPredictor", lambda pads: Bowl())
     line = ["library", "build", "small_towel", "--method", "two_parameter", "--workers", "2",
             "--logs", str(tmp_path)]  # fmt: skip
     assert main([*line, "--json"]) == 0
@@ -319,13 +319,13 @@ def test_a_build_uses_the_settings_of_its_cell(tmp_path: Path, monkeypatch: pyte
             lifts.append(path[straight, 2].max() - path[0, 2])
             return super().__call__(mesh, positions, material, paths)
 
-    monkeypatch.setattr("cell.campaigns.executors.worker_pool", ThreadPoolExecutor)
+    monkeypatch.setattr("foldcell.cell.campaigns.executors.worker_pool", ThreadPoolExecutor)
 
     def predictor(pads: PadGeometry) -> Watching:
         widths.append(pads.width)
         return Watching()
 
-    monkeypatch.setattr("cell.commands.library.build.ClothPredictor", predictor)
+    monkeypatch.setattr("foldcell.cell.commands.library.build.ClothPredictor", predictor)
     (tmp_path / "cell.yaml").write_text(
         "grasp: {lift_height: 0.05}\nmotion: {tool_speed: 0.2}\ngripper: {pad_width: 0.03}\n"
     )

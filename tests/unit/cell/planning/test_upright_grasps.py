@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.config.cell_settings import load_settings
-from cell.config.garments.garment_file import load_garment
-from cell.executive.effects import planning
-from cell.planning import fold_planning
-from cell.states.recovery_table import Adjustment
-from robots.errors import Failure, FailureKind
-from skills.vocabulary import Grasp, GraspId, Outcome
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.executive.effects import planning
+from foldcell.cell.planning import fold_planning
+from foldcell.cell.states.recovery_table import Adjustment
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.skills.vocabulary import Grasp, GraspId, Outcome
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from cell.record.run_record import (
+from foldcell.cell.record.run_record import (
     RECORD,
     FailureRecord,
     FoldRecord,
@@ -22,8 +22,8 @@ from cell.record.run_record import (
     record_of,
     write_record,
 )
-from cell.states.transition_table import State
-from robots.errors import FailureKind, StorageError
+from foldcell.cell.states.transition_table import State
+from foldcell.robots.errors import FailureKind, StorageError
 from tests.builders.records import run_record, score_record
 from tests.inspections import a_claim
 

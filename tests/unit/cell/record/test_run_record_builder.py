@@ -8,13 +8,13 @@ from typing import Any
 
 import pytest
 
-from cell.record.run_record import FoldRecord, GraspRecord, RunEvent
-from cell.states.observers import Step
-from cell.states.run_context import Result, RunContext, RunEnd
-from cell.states.transition_table import Effect, Event, State
-from robots.errors import Failure, FailureKind
-from robots.ports import Side
-from skills.grasping.confirm import Held, LayerCount
+from foldcell.cell.record.run_record import FoldRecord, GraspRecord, RunEvent
+from foldcell.cell.states.observers import Step
+from foldcell.cell.states.run_context import Result, RunContext, RunEnd
+from foldcell.cell.states.transition_table import Effect, Event, State
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.ports import Side
+from foldcell.skills.grasping.confirm import Held, LayerCount
 from tests.builders.contexts import context_with
 from tests.builders.records import record_builder
 

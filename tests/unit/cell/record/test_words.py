@@ -7,12 +7,12 @@ from collections.abc import Iterator
 
 import pytest
 
-from cell.record.run_record import FailureRecord, FoldRecord
-from cell.record.words import figure, laying_in_words, length, recovery_in_words, seconds, verdict
-from cell.states.recovery_table import RECOVERIES, Laying
-from cell.states.transition_table import State
-from robots.errors import FailureKind
-from skills.perception.inspection.claim import Claim
+from foldcell.cell.record.run_record import FailureRecord, FoldRecord
+from foldcell.cell.record.words import figure, laying_in_words, length, recovery_in_words, seconds, verdict
+from foldcell.cell.states.recovery_table import RECOVERIES, Laying
+from foldcell.cell.states.transition_table import State
+from foldcell.robots.errors import FailureKind
+from foldcell.skills.perception.inspection.claim import Claim
 from tests.builders.records import run_record, score_record
 from tests.inspections import a_claim
 

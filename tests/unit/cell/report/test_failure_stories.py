@@ -10,13 +10,13 @@ import synthetic_run as show
 from synthetic_report import report_pictures
 from test_report import page_of
 
-from cell.report.failure_stories import FailureStories, FailureStory
-from cell.states.observers import Step
-from cell.states.recovery_table import Adjustment, Laying
-from cell.states.run_context import Result, RunContext
-from cell.states.stages import EstimateNote
-from cell.states.transition_table import TRANSITIONS, Effect, Event, State
-from robots.errors import Failure, FailureKind
+from foldcell.cell.report.failure_stories import FailureStories, FailureStory
+from foldcell.cell.states.observers import Step
+from foldcell.cell.states.recovery_table import Adjustment, Laying
+from foldcell.cell.states.run_context import Result, RunContext
+from foldcell.cell.states.stages import EstimateNote
+from foldcell.cell.states.transition_table import TRANSITIONS, Effect, Event, State
+from foldcell.robots.errors import Failure, FailureKind
 from tests.builders.contexts import context_with
 
 SLIPPED = Failure(FailureKind.SLIPPED, "the left hand lost the cloth", "grip harder")

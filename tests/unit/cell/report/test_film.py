@@ -9,10 +9,10 @@ import pytest
 import synthetic_run as show
 from PIL import Image
 
-from cell.report.pictures.film import CAPTION, FilmFrame, captioned, encode_film
-from cell.report.pictures.fold_pictures import KeyFrame, Scenery, motion_view
-from cell.report.pictures.recorded_holds import TrueFrame, holds, spread
-from cell.report.pictures.run_film import FRAMES, SIZE, SPEED, Still, draw_hold, film_file
+from foldcell.cell.report.pictures.film import CAPTION, FilmFrame, captioned, encode_film
+from foldcell.cell.report.pictures.fold_pictures import KeyFrame, Scenery, motion_view
+from foldcell.cell.report.pictures.recorded_holds import TrueFrame, holds, spread
+from foldcell.cell.report.pictures.run_film import FRAMES, SIZE, SPEED, Still, draw_hold, film_file
 
 
 def decoded(film: bytes) -> tuple[list[np.ndarray], list[int]]:

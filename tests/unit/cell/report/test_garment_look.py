@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import synthetic_run as show
 
-from cell.report.pictures.fold_pictures import (
+from foldcell.cell.report.pictures.fold_pictures import (
     TABLE_COLOUR,
     TAPE,
     ClothColours,
@@ -15,7 +15,7 @@ from cell.report.pictures.fold_pictures import (
     View,
     draw_frame,
 )
-from cell.report.pictures.garment_look import outlined, seen_colours
+from foldcell.cell.report.pictures.garment_look import outlined, seen_colours
 from tests.scenes import Scene, camera, render
 
 SQUARE = np.array([[0.5, -0.15], [0.75, -0.15], [0.75, 0.15], [0.5, 0.15]])

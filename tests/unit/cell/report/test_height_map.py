@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from cell.report.pictures.height_map import BAR, INK, PAPER, TICK, height_maps
+from foldcell.cell.report.pictures.height_map import BAR, INK, PAPER, TICK, height_maps
 
 
 def seen(height: np.ndarray, mask: np.ndarray) -> SimpleNamespace:

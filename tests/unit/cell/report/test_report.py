@@ -17,20 +17,27 @@ import synthetic_run as show
 from shapely.geometry import Polygon
 from synthetic_report import GOOD_SCORE, report_pictures, report_record
 
-from cell.config.cell_settings import CellSettings, load_settings
-from cell.record.run_record import FailureRecord, FoldRecord, IdealRecord, RecordingLosses, RunEvent, RunRecord
-from cell.record.words import verdict
-from cell.report.page import Picture, ReportPictures, render
-from cell.report.pictures.film import FilmFrame, encode_film
-from cell.report.pictures.fold_pictures import BACK, FRONT, KeyFrame, View, draw_frame, fold_strip, join
-from cell.report.pictures.outline_drawing import outline_drawing
-from cell.report.pictures.recorded_holds import held_during
-from cell.report.report import report as write_report
-from cell.states.run_context import RunContext
-from cell.states.transition_table import State
-from robots.errors import FailureKind, StorageError
-from robots.ports import Side
-from skills.fold_figures.outline import outline
+from foldcell.cell.config.cell_settings import CellSettings, load_settings
+from foldcell.cell.record.run_record import (
+    FailureRecord,
+    FoldRecord,
+    IdealRecord,
+    RecordingLosses,
+    RunEvent,
+    RunRecord,
+)
+from foldcell.cell.record.words import verdict
+from foldcell.cell.report.page import Picture, ReportPictures, render
+from foldcell.cell.report.pictures.film import FilmFrame, encode_film
+from foldcell.cell.report.pictures.fold_pictures import BACK, FRONT, KeyFrame, View, draw_frame, fold_strip, join
+from foldcell.cell.report.pictures.outline_drawing import outline_drawing
+from foldcell.cell.report.pictures.recorded_holds import held_during
+from foldcell.cell.report.report import report as write_report
+from foldcell.cell.states.run_context import RunContext
+from foldcell.cell.states.transition_table import State
+from foldcell.robots.errors import FailureKind, StorageError
+from foldcell.robots.ports import Side
+from foldcell.skills.fold_figures.outline import outline
 from tests.builders.records import run_record, score_record
 from tests.inspections import a_claim
 

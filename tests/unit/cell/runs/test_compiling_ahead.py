@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from cell.runs import compiling_ahead as ahead
-from skills.cloth import compile_loop, kernel
+from foldcell.cell.runs import compiling_ahead as ahead
+from foldcell.skills.cloth import compile_loop, kernel
 
 
 def test_compiled_code_starts_no_process(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -23,10 +23,12 @@ def test_the_process_works_within_the_context_and_ends_with_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The process of this test says that it works and would then go on for ever."""
-    (tmp_path / "skills" / "cloth").mkdir(parents=True)
+    folder = tmp_path / "foldcell" / "skills" / "cloth"
+    folder.mkdir(parents=True)
+    (tmp_path / "foldcell" / "__init__.py").touch()
     works = tmp_path / "works"
     text = f"import pathlib, time\npathlib.Path({str(works)!r}).touch()\ntime.sleep(1e6)\n"
-    (tmp_path / "skills" / "cloth" / "compile_loop.py").write_text(text)
+    (folder / "compile_loop.py").write_text(text)
     monkeypatch.setattr(ahead, "is_compiled", lambda: False)
     monkeypatch.setattr(ahead, "program_environment", lambda: {"PYTHONPATH": str(tmp_path)})
     begun: list[subprocess.Popen[bytes]] = []

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from cell.journal.journal import Entry
-from cell.runs.decide_again import changed_versions, first_difference
+from foldcell.cell.journal.journal import Entry
+from foldcell.cell.runs.decide_again import changed_versions, first_difference
 
 
 def line(

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands.main import main
-from cell.config.cell_settings import load_settings
-from cell.journal.journal import Journal
-from cell.runs.ownership import VERSIONED, begun_run, owned_cell
-from cell.support.files.paths import journal_path
-from robots.errors import ConfigurationError
+from foldcell.cell.commands.main import main
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.journal.journal import Journal
+from foldcell.cell.runs.ownership import VERSIONED, begun_run, owned_cell
+from foldcell.cell.support.files.paths import journal_path
+from foldcell.robots.errors import ConfigurationError
 from tests.fakes import FakeCell
 
 

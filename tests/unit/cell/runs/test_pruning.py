@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from cell.commands.main import main
-from cell.journal.journal import Journal, RunJournal
-from cell.runs.pruning import RECORDINGS, prunable_runs, prune
-from robots.errors import StorageError
+from foldcell.cell.commands.main import main
+from foldcell.cell.journal.journal import Journal, RunJournal
+from foldcell.cell.runs.pruning import RECORDINGS, prunable_runs, prune
+from foldcell.robots.errors import StorageError
 
 LIGHT = ("report.html", "result.json", "cell.yaml")
 
@@ -93,7 +93,7 @@ def test_pruning_removes_large_files_once(logs: Logs) -> None:
 def test_only_runs_with_a_checkpoint_are_checked_for_resuming(logs: Logs, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each check reads the whole journal, so checking hundreds of finished runs would take minutes."""
     asked: list[str] = []
-    monkeypatch.setattr("cell.runs.pruning.resumable", lambda journal, name: bool(asked.append(name)))
+    monkeypatch.setattr("foldcell.cell.runs.pruning.resumable", lambda journal, name: bool(asked.append(name)))
     cut_off, folded, tidied = logs.run("cut off"), logs.run("folded"), logs.run("cut off")
     shutil.rmtree(folded.directory / "checkpoint")
     for name in RECORDINGS:

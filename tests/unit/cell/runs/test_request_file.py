@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from cell.config.calibration_file import table_text
-from cell.config.garments.garment_file import load_garment, shipped_garment_path
-from cell.runs.request_file import keep_request, load_request
-from cell.states.fold_request import FoldRequest
-from robots.errors import ConfigurationError
+from foldcell.cell.config.calibration_file import table_text
+from foldcell.cell.config.garments.garment_file import load_garment, shipped_garment_path
+from foldcell.cell.runs.request_file import keep_request, load_request
+from foldcell.cell.states.fold_request import FoldRequest
+from foldcell.robots.errors import ConfigurationError
 from tests.runs import fold_request
 
 

@@ -11,18 +11,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.journal.journal import Journal, RunJournal
-from cell.runs.checkpoint_writer import CheckpointWriter, interrupted_run
-from cell.runs.reentry import reentry_event
-from cell.runs.request_file import keep_request
-from cell.runs.resumable import RESUMED_FROM, check_resumable
-from cell.states.run_context import RunContext
-from cell.states.transition_table import Event, State
-from robots.errors import ConfigurationError, Failure, FailureKind, StorageError
-from robots.ports import Side
-from skills.grasping.confirm import Held, LayerCount
-from skills.grasping.tare import TactileBias
-from skills.vocabulary import PredictedShape
+from foldcell.cell.journal.journal import Journal, RunJournal
+from foldcell.cell.runs.checkpoint_writer import CheckpointWriter, interrupted_run
+from foldcell.cell.runs.reentry import reentry_event
+from foldcell.cell.runs.request_file import keep_request
+from foldcell.cell.runs.resumable import RESUMED_FROM, check_resumable
+from foldcell.cell.states.run_context import RunContext
+from foldcell.cell.states.transition_table import Event, State
+from foldcell.robots.errors import ConfigurationError, Failure, FailureKind, StorageError
+from foldcell.robots.ports import Side
+from foldcell.skills.grasping.confirm import Held, LayerCount
+from foldcell.skills.grasping.tare import TactileBias
+from foldcell.skills.vocabulary import PredictedShape
 from tests.builders.contexts import context_with
 from tests.runs import fold_request
 

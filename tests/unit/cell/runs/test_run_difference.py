@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from cell.journal.journal import Journal
-from cell.runs.run_difference import Decision, RunDifference, run_difference
+from foldcell.cell.journal.journal import Journal
+from foldcell.cell.runs.run_difference import Decision, RunDifference, run_difference
 
 Effects = Sequence[tuple[str, str]]
 

@@ -7,22 +7,22 @@ from pathlib import Path
 
 import pytest
 
-from cell.config.calibration_file import table_text, tactile_text
-from cell.config.cell_settings import load_settings
-from cell.config.garments.garment_file import load_garment
-from cell.config.trajectory_library.library_file import (
+from foldcell.cell.config.calibration_file import table_text, tactile_text
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.config.trajectory_library.library_file import (
     add_entry,
     load_library,
     shipped_library_path,
     user_library_path,
 )
-from cell.hardware.assembly import assemble
-from cell.runs.request_file import keep_request
-from cell.runs.run_inputs import keep_run_inputs, restored_request
-from cell.states.commands import CommandQueue
-from cell.states.fold_request import FoldRequest
-from cell.view.recorder import Recorder
-from robots.baxter.robot import load_model
+from foldcell.cell.hardware.assembly import assemble
+from foldcell.cell.runs.request_file import keep_request
+from foldcell.cell.runs.run_inputs import keep_run_inputs, restored_request
+from foldcell.cell.states.commands import CommandQueue
+from foldcell.cell.states.fold_request import FoldRequest
+from foldcell.cell.view.recorder import Recorder
+from foldcell.robots.baxter.robot import load_model
 from tests.fakes import FakeCell
 from tests.runs import fold_request
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from cell.simulation import SimulationSettings
+from foldcell.cell.simulation import SimulationSettings
 from tests.simulated_bench import Bench
 
 __all__ = ["open_bench"]

@@ -11,17 +11,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cell.simulation.camera.camera import Renderer, SimulatedCamera
-from cell.simulation.camera.display_drawing import DisplayDrawing
-from cell.simulation.camera.render_server import Picture, Scene, Shot
-from cell.simulation.garment.fabric import fabric_texture, garment_uv, table_texture
-from cell.simulation.noise import load_noise
-from cell.simulation.settings import DEFAULT_TABLE
-from robots.baxter.camera_mount import MOUNT
-from robots.baxter.names import JOINT_NAMES
-from robots.baxter.robot import FLOOR, ROBOT, load_model
-from robots.errors import DriverError, FailureKind
-from robots.ports import Array
+from foldcell.cell.simulation.camera.camera import Renderer, SimulatedCamera
+from foldcell.cell.simulation.camera.display_drawing import DisplayDrawing
+from foldcell.cell.simulation.camera.render_server import Picture, Scene, Shot
+from foldcell.cell.simulation.garment.fabric import fabric_texture, garment_uv, table_texture
+from foldcell.cell.simulation.noise import load_noise
+from foldcell.cell.simulation.settings import DEFAULT_TABLE
+from foldcell.robots.baxter.camera_mount import MOUNT
+from foldcell.robots.baxter.names import JOINT_NAMES
+from foldcell.robots.baxter.robot import FLOOR, ROBOT, load_model
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.ports import Array
 
 NOISE = load_noise().camera
 K = MOUNT.intrinsics

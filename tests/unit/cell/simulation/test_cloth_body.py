@@ -9,19 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.commands.main import main
-from cell.config.garments.garment_file import load_garment
-from cell.simulation import SimulationSettings, check_settings
-from cell.simulation.garment.cloth_body import FRAME_RATE, BodyTraits, ClothBody, build_body, check_body
-from cell.simulation.garment.garment import WorldGarment
-from cell.simulation.garment.pressing import tip_pressure
-from cell.simulation.noise import load_noise
-from robots.errors import ConfigurationError
-from robots.ports import Array
-from skills.cloth.elasticity import GRAVITY
-from skills.cloth.mesh import mesh_from_contour
-from skills.cloth.pinch import PadGeometry
-from skills.vocabulary import Material
+from foldcell.cell.commands.main import main
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.simulation import SimulationSettings, check_settings
+from foldcell.cell.simulation.garment.cloth_body import FRAME_RATE, BodyTraits, ClothBody, build_body, check_body
+from foldcell.cell.simulation.garment.garment import WorldGarment
+from foldcell.cell.simulation.garment.pressing import tip_pressure
+from foldcell.cell.simulation.noise import load_noise
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.ports import Array
+from foldcell.skills.cloth.elasticity import GRAVITY
+from foldcell.skills.cloth.mesh import mesh_from_contour
+from foldcell.skills.cloth.pinch import PadGeometry
+from foldcell.skills.vocabulary import Material
 from tests.optional_parts import MUJOCO
 
 MATERIAL = Material(0.4, 0.02, 0.015, 0.003, 0.6, 0.55, 0.5)

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cell.simulation.robot.contact import Stiffness, finger_axes, fingertips, touch
-from robots.baxter.robot import GRIPPER
+from foldcell.cell.simulation.robot.contact import Stiffness, finger_axes, fingertips, touch
+from foldcell.robots.baxter.robot import GRIPPER
 
 S = Stiffness(arm=1500.0, tip=2500.0, cloth=250.0)
 depth = st.floats(-0.02, 0.02)

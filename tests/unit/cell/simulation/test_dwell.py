@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cell.simulation.scoring.ground_truth_recorder import DwellTimes
+from foldcell.cell.simulation.scoring.ground_truth_recorder import DwellTimes
 
 Hold = tuple[float, float, bool]
 """Time of the grasp and of the release [s], and whether the garment was lifted."""

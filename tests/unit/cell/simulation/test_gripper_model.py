@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from cell.simulation.noise import load_noise
-from cell.simulation.robot.gripper import SimulatedGripper
-from robots.errors import DriverError, FailureKind
-from robots.ports import Side
+from foldcell.cell.simulation.noise import load_noise
+from foldcell.cell.simulation.robot.gripper import SimulatedGripper
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.ports import Side
 
 NOISE = load_noise().gripper
 DT = 1 / 240

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 import yaml
 
-from cell.config.garments.garment_file import load_garment, shipped_garment_path
-from cell.simulation.garment.cloth_body import BodyTraits
-from cell.simulation.scoring.ground_truth_recorder import GroundTruthRecorder
-from cell.simulation.truth import GarmentTruth
-from cell.view.recorder import Recorder
-from skills.cloth.mesh import mesh_from_contour
-from skills.fold_plan.folding import target_vertices
-from skills.fold_plan.plan import plan_folds
+from foldcell.cell.config.garments.garment_file import load_garment, shipped_garment_path
+from foldcell.cell.simulation.garment.cloth_body import BodyTraits
+from foldcell.cell.simulation.scoring.ground_truth_recorder import GroundTruthRecorder
+from foldcell.cell.simulation.truth import GarmentTruth
+from foldcell.cell.view.recorder import Recorder
+from foldcell.skills.cloth.mesh import mesh_from_contour
+from foldcell.skills.fold_plan.folding import target_vertices
+from foldcell.skills.fold_plan.plan import plan_folds
 
 
 @pytest.mark.parametrize("name", ["mine", "small_towel"])

@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 
 from benchmarks.score_matrix import KINDS, IdealGarment, drawn_garment, ideal_garment, judged, spoiled
-from cell.config.garments.garment_file import load_garment
-from cell.simulation.garment.cloth_body import solver_settings
-from cell.simulation.scoring.ground_truth_recorder import GroundTruthRecorder
-from cell.simulation.scoring.ideal import BackgroundIdeal, flaw_of, ideal_heights
-from cell.simulation.truth import GarmentTruth
-from cell.view.recorder import Recorder
-from skills.fold_plan.ideal_fold import IdealFold, ideal_folds
-from skills.fold_plan.plan import ways_to_fold
-from skills.garments.garment import Garment
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.simulation.garment.cloth_body import solver_settings
+from foldcell.cell.simulation.scoring.ground_truth_recorder import GroundTruthRecorder
+from foldcell.cell.simulation.scoring.ideal import BackgroundIdeal, flaw_of, ideal_heights
+from foldcell.cell.simulation.truth import GarmentTruth
+from foldcell.cell.view.recorder import Recorder
+from foldcell.skills.fold_plan.ideal_fold import IdealFold, ideal_folds
+from foldcell.skills.fold_plan.plan import ways_to_fold
+from foldcell.skills.garments.garment import Garment
 
 TOWEL = "small_towel", 9001
 

@@ -7,8 +7,8 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from cell.config.yaml_file import read_yaml
-from cell.simulation import noise
+from foldcell.cell.config.yaml_file import read_yaml
+from foldcell.cell.simulation import noise
 
 
 def test_the_shipped_noise_table_is_read() -> None:

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import shapely
 
-from cell.config.garments.garment_file import load_garment
-from cell.simulation.garment.outline import draw_outline
-from cell.simulation.noise import load_noise
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.simulation.garment.outline import draw_outline
+from foldcell.cell.simulation.noise import load_noise
 
 NOISE = load_noise().garment
 TOWELS = ("small_towel", "medium_towel", "large_towel")

@@ -29,7 +29,7 @@ def sources(*folders: str) -> list[Path]:
 
 def test_only_the_simulation_imports_its_inner_modules() -> None:
     def inside(names: set[str]) -> set[str]:
-        return {n for n in names if n.startswith("cell.simulation.") and n.split(".")[2] in INNER}
+        return {n for n in names if n.startswith("foldcell.cell.simulation.") and n.split(".")[3] in INNER}
 
     files = sources("cell", "calibration", "skills", "robots")
     found = {str(p.relative_to(ROOT)): inside(imported(p)) for p in files}
@@ -39,17 +39,17 @@ def test_only_the_simulation_imports_its_inner_modules() -> None:
 
 def test_skills_calibration_and_robots_do_not_import_the_cell() -> None:
     for path in sources("calibration", "skills", "robots"):
-        assert not any(name.startswith("cell") for name in imported(path)), path
+        assert not any(name.startswith("foldcell.cell") for name in imported(path)), path
 
 
 def test_the_search_for_imports_finds_an_import_of_the_world() -> None:
-    assert "cell.simulation.port_worlds" in imported(ROOT / "cell" / "simulation" / "ports.py")
+    assert "foldcell.cell.simulation.port_worlds" in imported(ROOT / "cell" / "simulation" / "ports.py")
 
 
 def test_the_render_process_starts_without_solver_and_compiler() -> None:
     """Each simulated cell with a camera starts one, and these imports would take most of its time to start."""
-    line = "import sys, cell.simulation.camera.render_server; print(*sys.modules)"
+    line = "import sys, foldcell.cell.simulation.camera.render_server; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", line], cwd=ROOT, capture_output=True, text=True, check=True)
     loaded = done.stdout.split()
     assert "pybullet" in loaded
-    assert not {"numba", "scipy", "cell.simulation.world", "skills.cloth.mesh"} & set(loaded)
+    assert not {"numba", "scipy", "foldcell.cell.simulation.world", "foldcell.skills.cloth.mesh"} & set(loaded)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cell.simulation.noise import load_noise
-from cell.simulation.robot.tactile import SimulatedTactile
-from robots.ports import Side
+from foldcell.cell.simulation.noise import load_noise
+from foldcell.cell.simulation.robot.tactile import SimulatedTactile
+from foldcell.robots.ports import Side
 
 NOISE = load_noise().tactile
 

@@ -12,21 +12,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.config.cell_settings import load_settings
-from cell.config.garments.garment_file import load_garment
-from cell.hardware.contract.clauses import CLAUSES, check_driver
-from cell.hardware.contract.opening import opened_rig
-from cell.simulation import Fault, FaultKind, SimulationSettings, open_simulated_cell
-from cell.simulation.garment.garment import WorldGarment
-from cell.simulation.noise import load_noise
-from cell.simulation.world import World
-from cell.states.commands import CommandQueue
-from cell.transcript.port_recorder import PortRecorder
-from robots.baxter.robot import load_model
-from robots.depth_averaging import EVERY_S, EXPOSURES
-from robots.errors import ConfigurationError, DriverError
-from robots.ports import Side
-from skills.vocabulary import tool_rotation
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.hardware.contract.clauses import CLAUSES, check_driver
+from foldcell.cell.hardware.contract.opening import opened_rig
+from foldcell.cell.simulation import Fault, FaultKind, SimulationSettings, open_simulated_cell
+from foldcell.cell.simulation.garment.garment import WorldGarment
+from foldcell.cell.simulation.noise import load_noise
+from foldcell.cell.simulation.world import World
+from foldcell.cell.states.commands import CommandQueue
+from foldcell.cell.transcript.port_recorder import PortRecorder
+from foldcell.robots.baxter.robot import load_model
+from foldcell.robots.depth_averaging import EVERY_S, EXPOSURES
+from foldcell.robots.errors import ConfigurationError, DriverError
+from foldcell.robots.ports import Side
+from foldcell.skills.vocabulary import tool_rotation
 from tests.simulated_bench import BLIND, DT, QUIET, Bench, corner
 
 
@@ -73,7 +73,7 @@ def test_no_attribute_of_the_ports_leads_to_the_world(opened: Any, taken_down: b
     assert len(found) > 30  # the search visits many objects
     for value in found:
         assert not isinstance(value, World)
-        assert not type(value).__module__.startswith(("cell.simulation.world", "skills.cloth"))
+        assert not type(value).__module__.startswith(("foldcell.cell.simulation.world", "foldcell.skills.cloth"))
         if isinstance(value, np.ndarray):
             assert value.shape[:1] != garment.vertices.shape[:1]
     world = World.__new__(World)
@@ -163,7 +163,7 @@ def test_arms_follow_within_their_error(opened: Any) -> None:
 def test_encoder_readings_exclude_the_joint_bias(opened: Any) -> None:
     bench = opened()
     T = bench.truth().tools[Side.LEFT]
-    from skills.motion.kinematics.ik import tool_pose
+    from foldcell.skills.motion.kinematics.ik import tool_pose
 
     believed = tool_pose(load_model().chains[Side.LEFT], bench.ports.arms.state().q[:7])[:3, 3]
     believed = believed - (0.0, 0.0, bench.height)

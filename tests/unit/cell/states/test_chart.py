@@ -5,8 +5,8 @@ from html import unescape
 
 import pytest
 
-from cell.states.state_chart import CHART, marked_chart
-from cell.states.transition_table import TRANSITIONS, Event, State
+from foldcell.cell.states.state_chart import CHART, marked_chart
+from foldcell.cell.states.transition_table import TRANSITIONS, Event, State
 
 AGAIN = "the table has changed: draw the chart again with `foldcell chart`"
 

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.config.garments.garment_file import load_garment
-from cell.states.stages import Plan
-from skills.cloth.mesh import ClothMesh
-from skills.fold_plan.plan import plan_folds
-from skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.states.stages import Plan
+from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId
 
 
 @pytest.mark.parametrize("turn", [-0.1, 0.0, 0.07])

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from cell.states.run_context import RunContext
-from robots.errors import FailureKind
+from foldcell.cell.states.run_context import RunContext
+from foldcell.robots.errors import FailureKind
 from tests.builders.contexts import context_with
 
 STEPS: Any = tuple(SimpleNamespace(name=name) for name in ("half", "quarter"))

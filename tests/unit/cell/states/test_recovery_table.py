@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cell.states.recovery_table import (
+from foldcell.cell.states.recovery_table import (
     RECOVERIES,
     SUBSTITUTES,
     Adjustment,
@@ -19,10 +19,10 @@ from cell.states.recovery_table import (
     choose_laying,
     choose_recovery,
 )
-from cell.states.situation import SEEING_FAILURES, Situation, wait_before_look
-from cell.states.transition_table import TRANSITIONS, Event, State
-from robots.errors import FailureKind
-from robots.ports import Side
+from foldcell.cell.states.situation import SEEING_FAILURES, Situation, wait_before_look
+from foldcell.cell.states.transition_table import TRANSITIONS, Event, State
+from foldcell.robots.errors import FailureKind
+from foldcell.robots.ports import Side
 
 K = FailureKind
 KNOWN = {row.event for row in TRANSITIONS if row.state is State.RECOVERING}

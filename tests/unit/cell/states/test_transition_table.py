@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cell.executive.machine import Executive, complete_table
-from cell.states.transition_table import (
+from foldcell.cell.executive.machine import Executive, complete_table
+from foldcell.cell.states.transition_table import (
     HANDS_CARRY_CLOTH,
     REENTRIES,
     TERMINAL,
@@ -17,7 +17,7 @@ from cell.states.transition_table import (
     Event,
     State,
 )
-from robots.errors import InternalError
+from foldcell.robots.errors import InternalError
 
 ROWS = complete_table()
 HANDS_ON_CLOTH = {

@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from cell.support.junit import JUnitCase, junit_text
+from foldcell.cell.support.junit import JUnitCase, junit_text
 
 
 @pytest.mark.parametrize("strange", ["\x07", "\x1b[31m", "\udcff", "\ufffe", "ä & <b>", "\U0001f9e6"])

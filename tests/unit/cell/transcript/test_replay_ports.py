@@ -13,25 +13,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-import robots.ports
-from cell.control.loop import ControlLoop
-from cell.control.motions.hold_position import wait
-from cell.control.motions.trajectory import stream
-from cell.control.path_clock import PathControl
-from cell.control.set_points import LastCommand
-from cell.hardware.workcell import Workcell
-from cell.journal.frame_store import FRAMES
-from cell.states.commands import CommandQueue
-from cell.states.plan_edit import PlanEdit
-from cell.states.transition_table import Event
-from cell.transcript.channels import CellConstants, Channel
-from cell.transcript.port_recorder import PortRecorder
-from cell.transcript.replay_ports import NoRecordedAnswer, RecordedAnswers
-from cell.transcript.transcript import TRANSCRIPT, Transcript
-from robots.errors import DriverError, FailureKind, StorageError
-from robots.model import JointLimits
-from robots.ports import ArmTrajectory, Ports, Side
-from skills.vocabulary import Outcome
+import foldcell.robots.ports
+from foldcell.cell.control.loop import ControlLoop
+from foldcell.cell.control.motions.hold_position import wait
+from foldcell.cell.control.motions.trajectory import stream
+from foldcell.cell.control.path_clock import PathControl
+from foldcell.cell.control.set_points import LastCommand
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.journal.frame_store import FRAMES
+from foldcell.cell.states.commands import CommandQueue
+from foldcell.cell.states.plan_edit import PlanEdit
+from foldcell.cell.states.transition_table import Event
+from foldcell.cell.transcript.channels import CellConstants, Channel
+from foldcell.cell.transcript.port_recorder import PortRecorder
+from foldcell.cell.transcript.replay_ports import NoRecordedAnswer, RecordedAnswers
+from foldcell.cell.transcript.transcript import TRANSCRIPT, Transcript
+from foldcell.robots.errors import DriverError, FailureKind, StorageError
+from foldcell.robots.model import JointLimits
+from foldcell.robots.ports import ArmTrajectory, Ports, Side
+from foldcell.skills.vocabulary import Outcome
 from tests.builders.shipped_settings import LIMITS as EXECUTION_LIMITS
 from tests.builders.transcripts import write_transcript
 from tests.fakes import FakeCell
@@ -309,7 +309,7 @@ def test_computing_ends_with_the_transcript(tmp_path: Path, workers: ThreadPoolE
 @pytest.mark.parametrize("name", ["Clock", "Arms", "Head", "Gripper", "Tactile", "Camera", "Stop", "Attendant"])
 def test_every_method_of_every_port_is_recorded_and_replayed(name: str, tmp_path: Path) -> None:
     """A new method of a port must be recorded and replayed too."""
-    protocol = getattr(robots.ports, name)
+    protocol = getattr(foldcell.robots.ports, name)
     methods = {n for n, m in inspect.getmembers(protocol, inspect.isfunction) if not n.startswith("_")}
     attributes = set(protocol.__annotations__)
     assert methods

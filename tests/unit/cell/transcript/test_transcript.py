@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.journal.frame_store import FRAMES, FrameStore
-from cell.transcript.channels import CellConstants, Channel
-from cell.transcript.transcript import LAYOUT, TRANSCRIPT, Transcript, TranscriptWriter
-from cell.transcript.transcript_codec import Exchange, Picture, pack
-from robots.errors import StorageError
-from robots.ports import CameraFrame, Intrinsics
+from foldcell.cell.journal.frame_store import FRAMES, FrameStore
+from foldcell.cell.transcript.channels import CellConstants, Channel
+from foldcell.cell.transcript.transcript import LAYOUT, TRANSCRIPT, Transcript, TranscriptWriter
+from foldcell.cell.transcript.transcript_codec import Exchange, Picture, pack
+from foldcell.robots.errors import StorageError
+from foldcell.robots.ports import CameraFrame, Intrinsics
 from tests.builders.transcripts import write_transcript
 from tests.fakes import FakeCell
 
@@ -139,8 +139,8 @@ def test_a_storage_error_ends_the_transcript_and_not_the_run(tmp_path: Path) -> 
 
 
 def test_a_blocked_disk_does_not_fill_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cell.transcript.transcript.PENDING", 1000)
-    monkeypatch.setattr("cell.transcript.transcript.EVERY_S", 30.0)
+    monkeypatch.setattr("foldcell.cell.transcript.transcript.PENDING", 1000)
+    monkeypatch.setattr("foldcell.cell.transcript.transcript.EVERY_S", 30.0)
     writer = TranscriptWriter(tmp_path, CONSTANTS)
     for e in sleeps(200):
         writer.note(e.channel, e.question, pack(e.answer))

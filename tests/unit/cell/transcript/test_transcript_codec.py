@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cell.states.transition_table import Event
-from cell.transcript.transcript_codec import Picture, pack, unpack
-from robots.errors import DriverError, FailureKind
-from robots.ports import GripperState, JointSetpoint, JointState, Side, StopState, TactileReading
+from foldcell.cell.states.transition_table import Event
+from foldcell.cell.transcript.transcript_codec import Picture, pack, unpack
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.ports import GripperState, JointSetpoint, JointState, Side, StopState, TactileReading
 
 J = np.linspace(-1.0, 1.0, 14)
 VALUES: list[Any] = [

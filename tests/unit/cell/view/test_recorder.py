@@ -24,16 +24,16 @@ import rerun.error_utils
 import synthetic_run as show
 from scipy.spatial.transform import Rotation
 
-from cell.config.cell_settings import load_settings
-from cell.view import bounded_worker
-from cell.view.bounded_worker import BoundedWorker
-from cell.view.entries import scene
-from cell.view.entries.entry import Columns, Log
-from cell.view.entries.robot import RobotFigure
-from cell.view.recorder import Recorder, RecorderReport
-from robots.baxter.robot import ROBOT, load_model
-from robots.ports import JointState, Side
-from skills.vocabulary import PredictedShape
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.view import bounded_worker
+from foldcell.cell.view.bounded_worker import BoundedWorker
+from foldcell.cell.view.entries import scene
+from foldcell.cell.view.entries.entry import Columns, Log
+from foldcell.cell.view.entries.robot import RobotFigure
+from foldcell.cell.view.recorder import Recorder, RecorderReport
+from foldcell.robots.baxter.robot import ROBOT, load_model
+from foldcell.robots.ports import JointState, Side
+from foldcell.skills.vocabulary import PredictedShape
 
 
 def rows(path: Path) -> dict[str, list[pa.RecordBatch]]:
@@ -256,9 +256,9 @@ def test_a_killed_run_leaves_a_readable_recording(tmp_path):
         import time
         from pathlib import Path
         import numpy as np
-        from cell.view.recorder import Recorder
-        from robots.ports import JointState
-        from skills.vocabulary import Table
+        from foldcell.cell.view.recorder import Recorder
+        from foldcell.robots.ports import JointState
+        from foldcell.skills.vocabulary import Table
         recorder = Recorder.open(Path({str(path)!r}), "x", Table(-0.1, (0.2, 1.0), (-0.7, 0.7)))
         for k in range(1500):
             recorder.joints(JointState(0.01 * k, np.zeros(14), np.zeros(14), np.zeros(14), 0.0))
@@ -447,8 +447,8 @@ def test_robot_meshes_keep_their_shape_and_have_no_collision_bodies():
 
     import trimesh
 
-    from robots.baxter.names import JOINT_NAMES
-    from robots.example_data import package_root
+    from foldcell.robots.baxter.names import JOINT_NAMES
+    from foldcell.robots.example_data import package_root
 
     urdf = ROBOT.visual().urdf
     root = ET.parse(urdf).getroot()

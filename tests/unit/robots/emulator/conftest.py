@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from served import Program, Serve
 
-from cell.simulation import SimulationSettings, open_simulated_cell
-from robots.ports import Ports
+from foldcell.cell.simulation import SimulationSettings, open_simulated_cell
+from foldcell.robots.ports import Ports
 from tests.fakes import FakeCell
 
 QUIET = SimulationSettings(

@@ -7,13 +7,13 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from robots.baxter.emulator import Emulator
-from robots.baxter.emulator.initial_state import NEW
-from robots.baxter.ros import topics
-from robots.baxter.ros.messages import load_messages
-from robots.ports import Ports
-from robots.ros.installation import import_ros
-from robots.ros.node import open_node
+from foldcell.robots.baxter.emulator import Emulator
+from foldcell.robots.baxter.emulator.initial_state import NEW
+from foldcell.robots.baxter.ros import topics
+from foldcell.robots.baxter.ros.messages import load_messages
+from foldcell.robots.ports import Ports
+from foldcell.robots.ros.installation import import_ros
+from foldcell.robots.ros.node import open_node
 
 __all__ = ["PATIENCE", "Program", "Serve", "TactileRecording", "wait"]
 

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from served import Program, Serve, wait
 
-from robots.baxter.emulator.initial_state import NEW, USED, InitialState
-from robots.baxter.ros.connection import connected
-from robots.errors import DriverError, FailureKind
-from robots.model import JointLimits
-from robots.ports import BoardPlace, GripperState, Ports, Side
-from robots.ros.driver import RosSettings
+from foldcell.robots.baxter.emulator.initial_state import NEW, USED, InitialState
+from foldcell.robots.baxter.ros.connection import connected
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.model import JointLimits
+from foldcell.robots.ports import BoardPlace, GripperState, Ports, Side
+from foldcell.robots.ros.driver import RosSettings
 from tests.fakes import FakeCell
 
 # a warning of rospy

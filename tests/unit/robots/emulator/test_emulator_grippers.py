@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
-from robots.baxter.emulator.grippers import ElectricGripper
-from robots.baxter.emulator.initial_state import NEW, USED, InitialState
-from robots.baxter.ros.electric_gripper import FULL_FORCE, HARDWARE_ID
-from robots.errors import DriverError, FailureKind
-from robots.ports import GripperState, Side
+from foldcell.robots.baxter.emulator.grippers import ElectricGripper
+from foldcell.robots.baxter.emulator.initial_state import NEW, USED, InitialState
+from foldcell.robots.baxter.ros.electric_gripper import FULL_FORCE, HARDWARE_ID
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.ports import GripperState, Side
 
 STROKE = 0.05
 """A stroke that differs from Baxter's, because percentages refer to the port's stroke."""

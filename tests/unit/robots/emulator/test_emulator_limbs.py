@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from robots.baxter.emulator.initial_state import InitialState
-from robots.baxter.emulator.limbs import TICK, Limb
-from robots.baxter.names import ARM_JOINTS, FULL_SPEED
-from robots.ports import Array, Side
+from foldcell.robots.baxter.emulator.initial_state import InitialState
+from foldcell.robots.baxter.emulator.limbs import TICK, Limb
+from foldcell.robots.baxter.names import ARM_JOINTS, FULL_SPEED
+from foldcell.robots.ports import Array, Side
 
 NAMES = [f"left_{joint}" for joint in ARM_JOINTS]
 Q = np.linspace(-0.3, 0.3, 7)

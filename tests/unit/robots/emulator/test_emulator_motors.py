@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robots.baxter.emulator.motors import Button, Motors, MotorState
-from robots.errors import DriverError, FailureKind
-from robots.ports import Array, JointSetpoint
+from foldcell.robots.baxter.emulator.motors import Button, Motors, MotorState
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.ports import Array, JointSetpoint
 from tests.fakes import FakeCell
 
 HERE = np.zeros(14)

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 from served import PATIENCE, Program, Serve, wait
 
-from robots.baxter.names import ARM_JOINTS, JOINT_NAMES
-from robots.baxter.ros import topics
-from robots.baxter.ros.electric_gripper import HARDWARE_ID
-from robots.errors import DriverError, FailureKind
-from robots.ports import Array, CameraFrame, Intrinsics, Ports, Side, TactileReading, arm_slice
-from robots.ros.driver import CameraTopics
+from foldcell.robots.baxter.names import ARM_JOINTS, JOINT_NAMES
+from foldcell.robots.baxter.ros import topics
+from foldcell.robots.baxter.ros.electric_gripper import HARDWARE_ID
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.ports import Array, CameraFrame, Intrinsics, Ports, Side, TactileReading, arm_slice
+from foldcell.robots.ros.driver import CameraTopics
 from tests.fakes import FakeCell
 
 # a warning of rospy

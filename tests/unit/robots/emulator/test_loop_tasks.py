@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robots.baxter.emulator.loop_tasks import LoopTasks
+from foldcell.robots.baxter.emulator.loop_tasks import LoopTasks
 
 
 def test_a_cancelled_task_is_not_executed() -> None:

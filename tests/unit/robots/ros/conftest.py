@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from puppet import CAMERA, COMMANDS, Connect, Puppet, wait
 
-from robots.baxter.ros.connection import connected
-from robots.model import JointLimits
-from robots.ports import BoardPlace, Ports
-from robots.ros.driver import CameraTopics, RosSettings
-from robots.ros.node import Node, open_node
+from foldcell.robots.baxter.ros.connection import connected
+from foldcell.robots.model import JointLimits
+from foldcell.robots.ports import BoardPlace, Ports
+from foldcell.robots.ros.driver import CameraTopics, RosSettings
+from foldcell.robots.ros.node import Node, open_node
 
 
 class Person:

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from robots.baxter.names import JOINT_NAMES
-from robots.baxter.ros.messages import load_messages
-from robots.ports import Ports, Side, arm_slice
-from robots.ros.installation import import_ros
-from robots.ros.node import open_node
+from foldcell.robots.baxter.names import JOINT_NAMES
+from foldcell.robots.baxter.ros.messages import load_messages
+from foldcell.robots.ports import Ports, Side, arm_slice
+from foldcell.robots.ros.installation import import_ros
+from foldcell.robots.ros.node import open_node
 
 __all__ = ["CAMERA", "COMMANDS", "Connect", "HandClock", "Puppet", "wait"]
 

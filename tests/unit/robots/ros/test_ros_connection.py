@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 from puppet import CAMERA, COMMANDS, HAND, JOINTS, LIMB, PADS, STATE, Connect, Puppet, wait
 
-from robots.baxter.ros import connection
-from robots.errors import ConfigurationError
-from robots.ports import Side
-from robots.ros.node import Node, master_address, open_node
+from foldcell.robots.baxter.ros import connection
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.ports import Side
+from foldcell.robots.ros.node import Node, master_address, open_node
 from tests.rosmaster import free_port
 
 pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # a warning of rospy
@@ -71,8 +71,8 @@ def test_a_missing_simulated_clock_is_named(node: Node, connect: Connect, monkey
 def second_robot(rosmaster: str) -> Iterator[None]:
     program = textwrap.dedent("""
         import sys
-        from robots.ros.installation import import_ros
-        from robots.baxter.ros.messages import load_messages
+        from foldcell.robots.ros.installation import import_ros
+        from foldcell.robots.baxter.ros.messages import load_messages
         rospy = import_ros()
         rospy.init_node("second_robot", disable_signals=True, disable_rosout=True, disable_rostime=True)
         publisher = rospy.Publisher("/robot/state", load_messages().assembly_state, queue_size=1)
@@ -100,8 +100,8 @@ def test_two_robots_on_the_network_are_refused(connect: Connect) -> None:
 
 
 OPEN_NODE = """
-from robots.ros.node import open_node
-from robots.errors import ConfigurationError
+from foldcell.robots.ros.node import open_node
+from foldcell.robots.errors import ConfigurationError
 try:
     open_node("anybody")
 except ConfigurationError as error:
@@ -197,8 +197,8 @@ def test_closing_in_the_middle_of_an_exchange_logs_no_warning(
 
     ear = Ear(logging.WARNING)
     logging.getLogger("rosout").addHandler(ear)
-    monkeypatch.setattr("robots.baxter.ros.ports.gripper.REPEAT_S", 0.0)
-    monkeypatch.setattr("robots.baxter.ros.ports.head.REPEAT_S", 0.0)
+    monkeypatch.setattr("foldcell.robots.baxter.ros.ports.gripper.REPEAT_S", 0.0)
+    monkeypatch.setattr("foldcell.robots.baxter.ros.ports.head.REPEAT_S", 0.0)
     puppet.deaf.add("/robot/head/command_head_pan")
     for hand in puppet.hands.values():
         hand.deaf = True

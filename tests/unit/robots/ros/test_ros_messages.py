@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from robots.baxter.ros.messages import load_messages
-from robots.errors import ConfigurationError
-from robots.ros import installation
-from robots.ros.installation import PACKAGES, import_ros
-from robots.ros.node import open_node
+from foldcell.robots.baxter.ros.messages import load_messages
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.ros import installation
+from foldcell.robots.ros.installation import PACKAGES, import_ros
+from foldcell.robots.ros.node import open_node
 from tests.optional_parts import ROS
 
 PUBLISHED = {

@@ -11,17 +11,17 @@ from contextlib import contextmanager
 import pytest
 from puppet import Connect, wait
 
-from robots.baxter.ros.topics import joint_command
-from robots.errors import ConfigurationError
-from robots.ports import Side
-from robots.ros import node as node_module
-from robots.ros.node import Node
+from foldcell.robots.baxter.ros.topics import joint_command
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.ports import Side
+from foldcell.robots.ros import node as node_module
+from foldcell.robots.ros.node import Node
 
 pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # a warning of rospy
 TOPIC = joint_command(Side.LEFT)
 OTHER = f"""
-from robots.baxter.ros.messages import load_messages
-from robots.ros.node import open_node
+from foldcell.robots.baxter.ros.messages import load_messages
+from foldcell.robots.ros.node import open_node
 node = open_node("other_program")
 node.publisher({TOPIC!r}, load_messages().joint_command)
 print("there", flush=True)

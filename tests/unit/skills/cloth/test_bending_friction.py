@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from robots.errors import ConfigurationError, InternalError
-from skills.cloth.elasticity import flexural_rigidity, turns
-from skills.cloth.mesh import mesh_from_contour
-from skills.cloth.settings import SolverSettings
-from skills.cloth.solver import ClothSimulation
-from skills.vocabulary import Material
+from foldcell.robots.errors import ConfigurationError, InternalError
+from foldcell.skills.cloth.elasticity import flexural_rigidity, turns
+from foldcell.skills.cloth.mesh import mesh_from_contour
+from foldcell.skills.cloth.settings import SolverSettings
+from foldcell.skills.cloth.solver import ClothSimulation
+from foldcell.skills.vocabulary import Material
 
 MATERIAL = Material(
     areal_mass=0.4, stretch_fraction=0.03, bending_length=0.02, thickness=0.001, friction_static=0.6,

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from benchmarks.cloth.scenes import IN, MATERIAL, TOWEL, arc
-from skills.cloth.intersections.crossings import count_crossings
-from skills.cloth.mesh import mesh_from_contour
-from skills.cloth.pinch import PadGeometry
-from skills.cloth.predict import predict_fold
-from skills.cloth.settings import SolverSettings
-from skills.cloth.solver import ClothSimulation
-from skills.vocabulary import GraspId
+from foldcell.skills.cloth.intersections.crossings import count_crossings
+from foldcell.skills.cloth.mesh import mesh_from_contour
+from foldcell.skills.cloth.pinch import PadGeometry
+from foldcell.skills.cloth.predict import predict_fold
+from foldcell.skills.cloth.settings import SolverSettings
+from foldcell.skills.cloth.solver import ClothSimulation
+from foldcell.skills.vocabulary import GraspId
 from tests.builders.cloth import straight
 
 MESH = mesh_from_contour(TOWEL, 0.0262)

@@ -10,13 +10,19 @@ from scipy.sparse import coo_array, diags_array
 from scipy.sparse.linalg import spsolve
 
 from benchmarks.cloth.scenes import stacked
-from robots.errors import ConfigurationError, InternalError
-from skills.cloth import kernel
-from skills.cloth.elasticity import GRAVITY, build_elastic, flexural_rigidity, membrane_modulus, stretch_excess
-from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.cloth.settings import SolverSettings
-from skills.cloth.solver import MOST_PAIRS, ClothSimulation
-from skills.vocabulary import Material
+from foldcell.robots.errors import ConfigurationError, InternalError
+from foldcell.skills.cloth import kernel
+from foldcell.skills.cloth.elasticity import (
+    GRAVITY,
+    build_elastic,
+    flexural_rigidity,
+    membrane_modulus,
+    stretch_excess,
+)
+from foldcell.skills.cloth.mesh import ClothMesh, mesh_from_contour
+from foldcell.skills.cloth.settings import SolverSettings
+from foldcell.skills.cloth.solver import MOST_PAIRS, ClothSimulation
+from foldcell.skills.vocabulary import Material
 
 MATERIAL = Material(
     areal_mass=0.4, stretch_fraction=0.02, bending_length=0.02, thickness=0.003, friction_static=0.6,

@@ -5,8 +5,8 @@ import pytest
 import shapely
 
 from benchmarks.cloth.meshes import smallest_angle
-from robots.errors import ConfigurationError
-from skills.cloth.mesh import FineBands, mesh_from_contour
+from foldcell.robots.errors import ConfigurationError
+from foldcell.skills.cloth.mesh import FineBands, mesh_from_contour
 
 TOWEL = np.array([[-0.3, -0.2], [0.3, -0.2], [0.3, 0.2], [-0.3, 0.2]])
 HALF = [(0.08, 0.30), (0.22, 0.26), (0.60, 0.10), (0.57, 0.01), (0.24, 0.12), (0.24, -0.35)]

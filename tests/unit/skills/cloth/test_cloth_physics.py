@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from benchmarks.cloth.scenes import MATERIAL, stacked
-from robots.errors import ConfigurationError, InternalError
-from skills.cloth.elasticity import GRAVITY, colour_batches, damp_edges, shuffled, solve_edges
-from skills.cloth.mesh import mesh_from_contour
-from skills.cloth.settings import SolverSettings
-from skills.cloth.simd.aligned_arrays import aligned
-from skills.cloth.simd.vec3 import rows
-from skills.cloth.solver import ClothSimulation
+from foldcell.robots.errors import ConfigurationError, InternalError
+from foldcell.skills.cloth.elasticity import GRAVITY, colour_batches, damp_edges, shuffled, solve_edges
+from foldcell.skills.cloth.mesh import mesh_from_contour
+from foldcell.skills.cloth.settings import SolverSettings
+from foldcell.skills.cloth.simd.aligned_arrays import aligned
+from foldcell.skills.cloth.simd.vec3 import rows
+from foldcell.skills.cloth.solver import ClothSimulation
 from tests.builders.cloth import call, straight, turned
 
 PATCH = mesh_from_contour(np.array([[-0.15, -0.1], [0.15, -0.1], [0.15, 0.1], [-0.15, 0.1]]), 0.026)

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from benchmarks.cloth.scenes import MATERIAL, RELEASE, SETTLE, frames_of, planned_folds, towel_half, towel_mesh
-from skills.cloth.elasticity import build_elastic, colour_batches
-from skills.cloth.mesh import mesh_from_contour
-from skills.cloth.predict import predict_fold
-from skills.cloth.settings import SolverSettings
-from skills.cloth.sleep import SWINGS, _find_moving, pack
-from skills.cloth.solver import ClothSimulation
-from skills.cloth.state import AWAKE, EDGES, HINGES, MOVABLE, PACKED
+from foldcell.skills.cloth.elasticity import build_elastic, colour_batches
+from foldcell.skills.cloth.mesh import mesh_from_contour
+from foldcell.skills.cloth.predict import predict_fold
+from foldcell.skills.cloth.settings import SolverSettings
+from foldcell.skills.cloth.sleep import SWINGS, _find_moving, pack
+from foldcell.skills.cloth.solver import ClothSimulation
+from foldcell.skills.cloth.state import AWAKE, EDGES, HINGES, MOVABLE, PACKED
 from tests.builders.cloth import call
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from skills.cloth.elasticity import shuffled
-from skills.cloth.mesh import mesh_from_contour
-from skills.cloth.topology import topology_of
+from foldcell.skills.cloth.elasticity import shuffled
+from foldcell.skills.cloth.mesh import mesh_from_contour
+from foldcell.skills.cloth.topology import topology_of
 
 SQUARE = np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]])
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from numba.core.dispatcher import Dispatcher
 
-from skills.cloth import kernel
+from foldcell.skills.cloth import kernel
 
 FOLDER = Path(kernel.__file__).parent
 
@@ -14,8 +14,8 @@ FOLDER = Path(kernel.__file__).parent
 def modules_of(name):
     """The modules of skills/cloth that one of its files imports."""
     for node in ast.walk(ast.parse((FOLDER / name).read_text())):
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("skills.cloth."):
-            yield f"{node.module.removeprefix('skills.cloth.').replace('.', '/')}.py"
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("foldcell.skills.cloth."):
+            yield f"{node.module.removeprefix('foldcell.skills.cloth.').replace('.', '/')}.py"
 
 
 def test_every_source_file_of_the_compiled_loop_is_in_its_fingerprint():
@@ -49,7 +49,7 @@ def test_contractible_kernels_use_no_power_operator():
 
 def test_only_what_python_calls_is_compiled_with_conversions_from_python():
     """They were a fifth of the time to compile, and a tuple of arrays makes a one-line function take seconds."""
-    modules = [import_module(f"skills.cloth.{n[:-3].replace('/', '.')}") for n in kernel.COMPILED]
+    modules = [import_module(f"foldcell.skills.cloth.{n[:-3].replace('/', '.')}") for n in kernel.COMPILED]
     functions = {f for module in modules for f in vars(module).values() if isinstance(f, Dispatcher)}
     called = {f.py_func.__name__ for f in functions if not f.targetoptions.get("no_cpython_wrapper")}
     assert called == {"run_frames", "advance_set", "_scan", "crosses", "judge_sides", "blocks"}

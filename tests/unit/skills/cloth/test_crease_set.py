@@ -4,19 +4,19 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from robots.errors import ConfigurationError, InternalError
-from skills.cloth.crease_set import (
+from foldcell.robots.errors import ConfigurationError, InternalError
+from foldcell.skills.cloth.crease_set import (
     STANDARD_PRESSURE,
     STANDARD_TIME,
     YIELD_CURVATURE,
     largest_crease_set,
     set_share,
 )
-from skills.cloth.elasticity import turns
-from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.cloth.settings import SolverSettings
-from skills.cloth.solver import ClothSimulation
-from skills.vocabulary import Material
+from foldcell.skills.cloth.elasticity import turns
+from foldcell.skills.cloth.mesh import ClothMesh, mesh_from_contour
+from foldcell.skills.cloth.settings import SolverSettings
+from foldcell.skills.cloth.solver import ClothSimulation
+from foldcell.skills.vocabulary import Material
 from tests.builders.cloth import crease_angles
 
 MATERIAL = Material(

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from benchmarks.cloth.free_fold import Case, crease_height
-from calibration.free_fold import elastica_height
-from skills.fold_plan.crease_mesh import EDGE_SHARE
+from foldcell.calibration.free_fold import elastica_height
+from foldcell.skills.fold_plan.crease_mesh import EDGE_SHARE
 
 
 def test_the_elastica_of_a_free_fold_is_0_907_bending_lengths_high() -> None:

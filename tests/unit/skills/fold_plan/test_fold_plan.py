@@ -10,14 +10,14 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cell.config.garments.garment_file import list_garments, load_garment
-from robots.errors import FailureKind
-from skills.cloth.pinch import PadGeometry
-from skills.fold_plan import folding
-from skills.fold_plan.folding import fold_points, fold_xy, silhouette
-from skills.fold_plan.plan import RELEASE_CLEARANCE, plan_folds, rigid_motion, translate_plan
-from skills.garments.garment import Garment
-from skills.vocabulary import GarmentState, GraspId
+from foldcell.cell.config.garments.garment_file import list_garments, load_garment
+from foldcell.robots.errors import FailureKind
+from foldcell.skills.cloth.pinch import PadGeometry
+from foldcell.skills.fold_plan import folding
+from foldcell.skills.fold_plan.folding import fold_points, fold_xy, silhouette
+from foldcell.skills.fold_plan.plan import RELEASE_CLEARANCE, plan_folds, rigid_motion, translate_plan
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.vocabulary import GarmentState, GraspId
 
 GARMENTS = {name: load_garment(name) for name in list_garments()}
 PAD_HALF_WIDTH = 0.010

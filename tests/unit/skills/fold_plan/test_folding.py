@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 
-from skills.fold_plan import folding
-from skills.fold_plan.folding import (
+from foldcell.skills.fold_plan import folding
+from foldcell.skills.fold_plan.folding import (
     crease_segments,
     fold_points,
     fold_xy,
@@ -23,7 +23,7 @@ from skills.fold_plan.folding import (
     silhouette,
     target_vertices,
 )
-from skills.vocabulary import FoldLine, Material, frozen
+from foldcell.skills.vocabulary import FoldLine, Material, frozen
 
 RECT = np.array([[-0.2, -0.3], [0.2, -0.3], [0.2, 0.3], [-0.2, 0.3]])
 FABRIC = Material(0.4, 0.03, 0.025, 0.002, 0.4, 0.35, 0.6)

@@ -7,8 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skills.fold_plan.pressing import LONGEST_S, MOST, Dab, crease_dabs, press_paths, within_reach, within_time
-from skills.vocabulary import Array, FoldLine, GraspId, ToolPath
+from foldcell.skills.fold_plan.pressing import (
+    LONGEST_S,
+    MOST,
+    Dab,
+    crease_dabs,
+    press_paths,
+    within_reach,
+    within_time,
+)
+from foldcell.skills.vocabulary import Array, FoldLine, GraspId, ToolPath
 
 LINE = FoldLine(np.array([0.6, -0.2]), np.array([1.0, 0.0]))  # a crease along x with the cloth on its right
 FINGERS = 0.019

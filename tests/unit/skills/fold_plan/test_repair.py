@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from robots.errors import FailureKind
-from robots.ports import Array, frozen
-from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.cloth.pinch import PadGeometry, find_pinched
-from skills.fold_plan.plan import translate_plan
-from skills.fold_plan.repair import MISPLACED, RepairGoal, locate_grasp, plan_repair
-from skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId, tool_rotation
+from foldcell.robots.errors import FailureKind
+from foldcell.robots.ports import Array, frozen
+from foldcell.skills.cloth.mesh import ClothMesh, mesh_from_contour
+from foldcell.skills.cloth.pinch import PadGeometry, find_pinched
+from foldcell.skills.fold_plan.plan import translate_plan
+from foldcell.skills.fold_plan.repair import MISPLACED, RepairGoal, locate_grasp, plan_repair
+from foldcell.skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId, tool_rotation
 
 THICKNESS = 0.002
 SIZE = 0.3

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robots.errors import FailureKind
-from robots.ports import Array
-from skills.fold_plan.spreading import (
+from foldcell.robots.errors import FailureKind
+from foldcell.robots.ports import Array
+from foldcell.skills.fold_plan.spreading import (
     HEIGHT,
     INSET,
     LONGEST,
@@ -20,8 +20,8 @@ from skills.fold_plan.spreading import (
     spread_arcs,
     spread_step,
 )
-from skills.perception.monitoring.flat_placement import convex_corners
-from skills.vocabulary import Corner, GraspId, Table
+from foldcell.skills.perception.monitoring.flat_placement import convex_corners
+from foldcell.skills.vocabulary import Corner, GraspId, Table
 
 TABLE = Table(-0.1, (0.20, 1.10), (-0.75, 0.75))
 FLAT = np.array([[0.40, -0.30], [0.80, -0.30], [0.80, 0.30], [0.40, 0.30]])

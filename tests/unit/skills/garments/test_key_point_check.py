@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cell.config.garments.garment_file import list_garments, load_garment
-from skills.garments.garment import Garment
-from skills.garments.key_point_check import KeyPointFinding, check_key_points
-from skills.garments.picture_measure import PictureMeasure
+from foldcell.cell.config.garments.garment_file import list_garments, load_garment
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.garments.key_point_check import KeyPointFinding, check_key_points
+from foldcell.skills.garments.picture_measure import PictureMeasure
 from tests.scenes import place
 
 GARMENTS = {name: load_garment(name) for name in list_garments()}

@@ -10,11 +10,11 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cell.config.garments.garment_file import load_garment, shipped_garment_path
-from robots.errors import ConfigurationError
-from skills.garments.key_point_check import check_key_points
-from skills.garments.outline_check import crosses_itself, impossible_size, runs_clockwise, same_places
-from skills.garments.picture_measure import PictureMeasure
+from foldcell.cell.config.garments.garment_file import load_garment, shipped_garment_path
+from foldcell.robots.errors import ConfigurationError
+from foldcell.skills.garments.key_point_check import check_key_points
+from foldcell.skills.garments.outline_check import crosses_itself, impossible_size, runs_clockwise, same_places
+from foldcell.skills.garments.picture_measure import PictureMeasure
 
 SHIRT = load_garment("t_shirt")
 NAMES = SHIRT.keypoints

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cell.config.garments.garment_file import load_garment
-from skills.garments.picture_measure import fitted_template, mirror_images
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.skills.garments.picture_measure import fitted_template, mirror_images
 from tests.scenes import place
 
 SHIRT = load_garment("t_shirt", "bare_table").template

@@ -11,9 +11,9 @@ import pytest
 import shapely
 import yaml
 
-from cell.config.garments.garment_file import list_garments, load_garment
-from skills.fold_plan.plan import plan_folds
-from skills.vocabulary import REFERENCE_DROP
+from foldcell.cell.config.garments.garment_file import list_garments, load_garment
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.vocabulary import REFERENCE_DROP
 
 GARMENTS = {name: load_garment(name) for name in list_garments()}
 
@@ -35,7 +35,7 @@ VIEW = shapely.Polygon([(0.17, -0.52), (1.10, -0.72), (1.10, 0.72), (0.17, 0.52)
 def test_the_measured_figures_of_shipped_garments_agree_with_the_paper(name: str) -> None:
     stretch, angle, folds = PAPER[name]
     garment = GARMENTS[name]
-    stated = yaml.safe_load((resources.files("skills.garments") / f"{name}.yaml").read_text())["material"]
+    stated = yaml.safe_load((resources.files("foldcell.skills.garments") / f"{name}.yaml").read_text())["material"]
     assert stated["stretch_fraction"] == pytest.approx(stretch / 100)
     # elongation is proportional to the hanging length, and the solver's value refers to one reference length
     assert garment.material.stretch_fraction == pytest.approx(stretch / 100 * REFERENCE_DROP / stated["hang_drop"])

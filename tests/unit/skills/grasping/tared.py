@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from skills.grasping.tare import TactileBias, start_tare, tare
-from skills.vocabulary import Outcome
+from foldcell.skills.grasping.tare import TactileBias, start_tare, tare
+from foldcell.skills.vocabulary import Outcome
 from tests.builders.shipped_settings import GRASP
 from tests.hands import SensedHand
 

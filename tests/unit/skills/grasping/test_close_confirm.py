@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from robots.errors import FailureKind
-from skills.grasping.close import Closed, CloseState, close, start_close
-from skills.grasping.confirm import (
+from foldcell.robots.errors import FailureKind
+from foldcell.skills.grasping.close import Closed, CloseState, close, start_close
+from foldcell.skills.grasping.confirm import (
     Expectation,
     Held,
     check_lift,
@@ -18,8 +18,8 @@ from skills.grasping.confirm import (
     start_confirm,
     start_lift_check,
 )
-from skills.grasping.tare import TactileBias, start_tare, tare
-from skills.vocabulary import Outcome
+from foldcell.skills.grasping.tare import TactileBias, start_tare, tare
+from foldcell.skills.vocabulary import Outcome
 from tests.builders.shipped_settings import GRASP
 from tests.hands import ClosingHand, SensedHand
 from tests.unit.skills.grasping.tared import bias_of

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cell.simulation.robot.contact import Stiffness, touch
-from skills.grasping.descend import ARM_STIFFNESS, TIP_STIFFNESS, yielding
+from foldcell.cell.simulation.robot.contact import Stiffness, touch
+from foldcell.skills.grasping.descend import ARM_STIFFNESS, TIP_STIFFNESS, yielding
 
 SPRINGS = Stiffness(arm=ARM_STIFFNESS, tip=TIP_STIFFNESS, cloth=250.0)
 

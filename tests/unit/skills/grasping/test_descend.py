@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from robots.errors import FailureKind
-from skills.grasping.descend import (
+from foldcell.robots.errors import FailureKind
+from foldcell.skills.grasping.descend import (
     DESCENT_ACCELERATION,
     LARGEST_LEAD,
     Contact,
@@ -18,7 +18,7 @@ from skills.grasping.descend import (
     descend,
     start_descent,
 )
-from skills.vocabulary import Outcome
+from foldcell.skills.vocabulary import Outcome
 from tests.builders.shipped_settings import GRASP
 from tests.hands import DescendingHand
 from tests.unit.skills.grasping.tared import bias_of

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from robots.errors import FailureKind
-from skills.grasping.empty_hand import NARROW, Emptied, check_empty, start_empty_check
-from skills.grasping.hand_reading import HandReading
-from skills.vocabulary import Outcome
+from foldcell.robots.errors import FailureKind
+from foldcell.skills.grasping.empty_hand import NARROW, Emptied, check_empty, start_empty_check
+from foldcell.skills.grasping.hand_reading import HandReading
+from foldcell.skills.vocabulary import Outcome
 from tests.builders.shipped_settings import GRASP
 from tests.hands import SensedHand
 from tests.unit.skills.grasping.tared import bias_of

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robots.errors import FailureKind
-from robots.ports import GripperState, Side, TactileReading
-from skills.grasping.confirm import CONFIRM_READINGS, Held, LayerCount, check_lift, start_lift_check
-from skills.grasping.hand_reading import HandReading, validate_reading
-from skills.grasping.release import ReleaseState, release, start_release
-from skills.grasping.stuck_on_finger import (
+from foldcell.robots.errors import FailureKind
+from foldcell.robots.ports import GripperState, Side, TactileReading
+from foldcell.skills.grasping.confirm import CONFIRM_READINGS, Held, LayerCount, check_lift, start_lift_check
+from foldcell.skills.grasping.hand_reading import HandReading, validate_reading
+from foldcell.skills.grasping.release import ReleaseState, release, start_release
+from foldcell.skills.grasping.stuck_on_finger import (
     DRIFT_RATIO,
     DRIFT_TIME,
     STUCK_READINGS,
@@ -22,8 +22,8 @@ from skills.grasping.stuck_on_finger import (
     residual_bound,
     start_stuck_check,
 )
-from skills.grasping.tare import TactileBias
-from skills.vocabulary import Outcome
+from foldcell.skills.grasping.tare import TactileBias
+from foldcell.skills.vocabulary import Outcome
 from tests.builders.shipped_settings import GRASP
 
 S = GRASP

@@ -7,14 +7,14 @@ from itertools import product
 import numpy as np
 import pytest
 
-from cell.config.cell_settings import load_settings
-from cell.simulation.robot.contact import Stiffness, fingertips, touch
-from robots.registry import find_robot, list_robots
-from skills.grasping.descend import ARM_STIFFNESS, TIP_STIFFNESS, yielding
-from skills.grasping.standing import lower_tip, standing_height, to_stand_at
-from skills.motion.kinematics.posture import Posture
-from skills.motion.moves.posture_search import PITCH, ROLL
-from skills.vocabulary import GraspId, ToolPath
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.simulation.robot.contact import Stiffness, fingertips, touch
+from foldcell.robots.registry import find_robot, list_robots
+from foldcell.skills.grasping.descend import ARM_STIFFNESS, TIP_STIFFNESS, yielding
+from foldcell.skills.grasping.standing import lower_tip, standing_height, to_stand_at
+from foldcell.skills.motion.kinematics.posture import Posture
+from foldcell.skills.motion.moves.posture_search import PITCH, ROLL
+from foldcell.skills.vocabulary import GraspId, ToolPath
 
 SPRINGS = Stiffness(arm=ARM_STIFFNESS, tip=TIP_STIFFNESS, cloth=250.0)
 TOO_LOW = 0.002

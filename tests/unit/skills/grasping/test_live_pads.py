@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from robots.errors import FailureKind
-from robots.ports import Side
-from skills.grasping.confirm import Confirmation, Expectation, confirm, start_confirm
-from skills.grasping.live_pads import LIVE_READINGS, ConstantPads, dead_pad, watch_pads
-from skills.grasping.settings import without_tactile
-from skills.grasping.slip import SlipWatch, start_slip_watch, watch_slip
-from skills.grasping.tare import TactileBias, TareState, start_tare, tare
-from skills.vocabulary import Failure, Outcome
+from foldcell.robots.errors import FailureKind
+from foldcell.robots.ports import Side
+from foldcell.skills.grasping.confirm import Confirmation, Expectation, confirm, start_confirm
+from foldcell.skills.grasping.live_pads import LIVE_READINGS, ConstantPads, dead_pad, watch_pads
+from foldcell.skills.grasping.settings import without_tactile
+from foldcell.skills.grasping.slip import SlipWatch, start_slip_watch, watch_slip
+from foldcell.skills.grasping.tare import TactileBias, TareState, start_tare, tare
+from foldcell.skills.vocabulary import Failure, Outcome
 from tests.builders.shipped_settings import GRASP
 from tests.hands import SensedHand
 

@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from robots.errors import FailureKind
-from skills.grasping.confirm import Held, LayerCount
-from skills.grasping.release import Released, ReleaseState, release, start_release
-from skills.grasping.settings import GraspSettings
-from skills.grasping.slip import SlipWatch, start_slip_watch, watch_slip
-from skills.grasping.stuck_on_finger import Clear, DragWatch, check_stuck, start_stuck_check, watch_drag
-from skills.grasping.tare import TactileBias
-from skills.vocabulary import Failure, Outcome
+from foldcell.robots.errors import FailureKind
+from foldcell.skills.grasping.confirm import Held, LayerCount
+from foldcell.skills.grasping.release import Released, ReleaseState, release, start_release
+from foldcell.skills.grasping.settings import GraspSettings
+from foldcell.skills.grasping.slip import SlipWatch, start_slip_watch, watch_slip
+from foldcell.skills.grasping.stuck_on_finger import Clear, DragWatch, check_stuck, start_stuck_check, watch_drag
+from foldcell.skills.grasping.tare import TactileBias
+from foldcell.skills.vocabulary import Failure, Outcome
 from tests.builders.shipped_settings import GRASP
 from tests.hands import ClosingHand, SensedHand
 from tests.unit.skills.grasping.tared import bias_of

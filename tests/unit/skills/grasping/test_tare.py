@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from robots.errors import FailureKind
-from skills.grasping.hand_reading import validate_reading
-from skills.grasping.tare import TARE_READINGS, TactileBias, start_tare, tare
-from skills.vocabulary import Outcome
+from foldcell.robots.errors import FailureKind
+from foldcell.skills.grasping.hand_reading import validate_reading
+from foldcell.skills.grasping.tare import TARE_READINGS, TactileBias, start_tare, tare
+from foldcell.skills.vocabulary import Outcome
 from tests.builders.shipped_settings import GRASP
 from tests.hands import CELL_NOISE, TIP_NOISE, SensedHand
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robots.baxter.robot import load_model
-from robots.ports import Side, arm_slice
-from skills.motion.kinematics import ik
-from skills.motion.validation.collision import CollisionChecker
-from skills.vocabulary import Table, tool_rotation
+from foldcell.robots.baxter.robot import load_model
+from foldcell.robots.ports import Side, arm_slice
+from foldcell.skills.motion.kinematics import ik
+from foldcell.skills.motion.validation.collision import CollisionChecker
+from foldcell.skills.vocabulary import Table, tool_rotation
 
 TABLE = Table(-0.10, (0.20, 1.10), (-0.75, 0.75))
 

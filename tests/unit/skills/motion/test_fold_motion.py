@@ -7,22 +7,22 @@ import socket
 import numpy as np
 import pytest
 
-from robots.baxter.robot import load_model
-from robots.errors import Failure, FailureKind
-from robots.ports import Side, arm_slice
-from skills.motion.kinematics.posture import Posture, angles_of
-from skills.motion.moves import rrt_connect
-from skills.motion.moves.arc import plan_arc
-from skills.motion.moves.fold import plan_fold_motion
-from skills.motion.moves.free_motion import plan_free_motion
-from skills.motion.moves.grasp import plan_grasp
-from skills.motion.moves.lift import plan_lift
-from skills.motion.moves.retreat import CAREFUL_RISE, plan_retreat
-from skills.motion.timing.inputs import LONGEST_MOTION
-from skills.motion.timing.timing import peaks
-from skills.motion.validation.collision import CollisionChecker
-from skills.motion.validation.trajectory_check import check_trajectory
-from skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId, Outcome, Table, ToolPath, tool_rotation
+from foldcell.robots.baxter.robot import load_model
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.ports import Side, arm_slice
+from foldcell.skills.motion.kinematics.posture import Posture, angles_of
+from foldcell.skills.motion.moves import rrt_connect
+from foldcell.skills.motion.moves.arc import plan_arc
+from foldcell.skills.motion.moves.fold import plan_fold_motion
+from foldcell.skills.motion.moves.free_motion import plan_free_motion
+from foldcell.skills.motion.moves.grasp import plan_grasp
+from foldcell.skills.motion.moves.lift import plan_lift
+from foldcell.skills.motion.moves.retreat import CAREFUL_RISE, plan_retreat
+from foldcell.skills.motion.timing.inputs import LONGEST_MOTION
+from foldcell.skills.motion.timing.timing import peaks
+from foldcell.skills.motion.validation.collision import CollisionChecker
+from foldcell.skills.motion.validation.trajectory_check import check_trajectory
+from foldcell.skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId, Outcome, Table, ToolPath, tool_rotation
 from tests.tool_paths import path_deviation
 
 MODEL = load_model()
@@ -114,7 +114,7 @@ def test_hands_on_the_two_ends_of_a_cuff_lean_away_from_each_other(checker, monk
     step, paths = fold({GraspId.LEFT: left, GraspId.RIGHT: right}, -0.166, height=0.457)
     motion = planned(checker, step, paths, lift=0.03).unwrap()
     assert checker.first_collision(motion.fold.q, allow_fingertips=True) is None
-    monkeypatch.setattr("skills.motion.moves.posture_search.WIDE_CANDIDATES", 8)
+    monkeypatch.setattr("foldcell.skills.motion.moves.posture_search.WIDE_CANDIDATES", 8)
     assert "not both together" in planned(checker, step, paths, lift=0.03).failure.what
 
 
@@ -280,7 +280,7 @@ def test_the_arc_after_a_lift_begins_where_the_lift_ends(checker, number):
 def test_a_fold_whose_lift_collides_has_no_plan(checker, monkeypatch):
     step, paths = towel_fold("medium", 1)
     blocked = Outcome(failure=Failure(FailureKind.IN_COLLISION, "the way up comes too near: a - b"))
-    monkeypatch.setattr("skills.motion.moves.fold.plan_lift", lambda *_, **__: blocked)
+    monkeypatch.setattr("foldcell.skills.motion.moves.fold.plan_lift", lambda *_, **__: blocked)
     assert planned(checker, step, paths, lift=0.03).failure.kind is FailureKind.IN_COLLISION
     assert planned(checker, step, paths).ok
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robots.baxter.robot import load_model
-from robots.ports import Side, arm_slice
-from skills.motion.kinematics import ik
+from foldcell.robots.baxter.robot import load_model
+from foldcell.robots.ports import Side, arm_slice
+from foldcell.skills.motion.kinematics import ik
 
 
 @pytest.fixture(scope="module")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robots.errors import InternalError
-from skills.motion.timing.jerk_limiter import JerkLimiter, step_towards
+from foldcell.robots.errors import InternalError
+from foldcell.skills.motion.timing.jerk_limiter import JerkLimiter, step_towards
 
 DT, SPEED, ACCELERATION, JERK = 0.01, 0.4, 0.6, 12.0
 

@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robots.baxter.robot import load_model
-from robots.errors import FailureKind
-from robots.ports import Array, Side, arm_slice
-from skills.motion.kinematics.ik import tool_pose
-from skills.motion.moves.lift import plan_lift
-from skills.motion.moves.retrace import FARTHEST, nearest_on, plan_along, share_done, without_loops
-from skills.motion.timing.timing import free_motion, peaks
-from skills.motion.validation.collision import CollisionChecker
-from skills.motion.validation.trajectory_check import check_trajectory
-from skills.vocabulary import Table
+from foldcell.robots.baxter.robot import load_model
+from foldcell.robots.errors import FailureKind
+from foldcell.robots.ports import Array, Side, arm_slice
+from foldcell.skills.motion.kinematics.ik import tool_pose
+from foldcell.skills.motion.moves.lift import plan_lift
+from foldcell.skills.motion.moves.retrace import FARTHEST, nearest_on, plan_along, share_done, without_loops
+from foldcell.skills.motion.timing.timing import free_motion, peaks
+from foldcell.skills.motion.validation.collision import CollisionChecker
+from foldcell.skills.motion.validation.trajectory_check import check_trajectory
+from foldcell.skills.vocabulary import Table
 
 MODEL = load_model()
 TABLE = Table(-0.10, (0.20, 1.10), (-0.75, 0.75))

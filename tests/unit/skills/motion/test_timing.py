@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
-from robots.baxter.robot import load_model
-from robots.errors import FailureKind, InternalError
-from robots.ports import ArmTrajectory
-from skills.motion.moves.rrt_connect import blend_corners
-from skills.motion.timing.inputs import LONGEST_MOTION, TimingError
-from skills.motion.timing.timing import (
+from foldcell.robots.baxter.robot import load_model
+from foldcell.robots.errors import FailureKind, InternalError
+from foldcell.robots.ports import ArmTrajectory
+from foldcell.skills.motion.moves.rrt_connect import blend_corners
+from foldcell.skills.motion.timing.inputs import LONGEST_MOTION, TimingError
+from foldcell.skills.motion.timing.timing import (
     STOP_TIME,
     TICK,
     ClockWarp,

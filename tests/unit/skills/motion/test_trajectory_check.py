@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from robots.baxter.robot import load_model
-from robots.errors import FailureKind
-from robots.ports import ArmTrajectory
-from skills.motion.moves.free_motion import plan_free_motion
-from skills.motion.timing.timing import free_motion
-from skills.motion.validation.collision import CollisionChecker, Contact
-from skills.motion.validation.trajectory_check import check_trajectory, contact_along
-from skills.vocabulary import Table
+from foldcell.robots.baxter.robot import load_model
+from foldcell.robots.errors import FailureKind
+from foldcell.robots.ports import ArmTrajectory
+from foldcell.skills.motion.moves.free_motion import plan_free_motion
+from foldcell.skills.motion.timing.timing import free_motion
+from foldcell.skills.motion.validation.collision import CollisionChecker, Contact
+from foldcell.skills.motion.validation.trajectory_check import check_trajectory, contact_along
+from foldcell.skills.vocabulary import Table
 
 MODEL = load_model()
 TABLE = Table(-0.10, (0.20, 1.10), (-0.75, 0.75))

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from robots.errors import FailureKind
-from skills.perception.camera_fault import picture_digests, repeated
+from foldcell.robots.errors import FailureKind
+from foldcell.skills.perception.camera_fault import picture_digests, repeated
 from tests.scenes import Scene, render
 
 

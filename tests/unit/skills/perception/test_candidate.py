@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cell.config.garments.garment_file import load_garment
-from skills.perception.candidate import misfit
-from skills.perception.family import best_members
-from skills.perception.outline import MemberOutline, resample_closed
-from skills.perception.registration.register import register
-from skills.vocabulary import FailureKind
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.skills.perception.candidate import misfit
+from foldcell.skills.perception.family import best_members
+from foldcell.skills.perception.outline import MemberOutline, resample_closed
+from foldcell.skills.perception.registration.register import register
+from foldcell.skills.vocabulary import FailureKind
 
 
 @pytest.fixture(scope="module")

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from shapely import Polygon, box
 
-from skills.perception.classify import classify, polygon_iou
-from skills.perception.outline import resample_closed
+from foldcell.skills.perception.classify import classify, polygon_iou
+from foldcell.skills.perception.outline import resample_closed
 from tests.builders.silhouettes import Silhouette
 from tests.scenes import TOWEL, TOWEL_NAMES, place, shirt, trousers
 

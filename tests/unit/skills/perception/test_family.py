@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from benchmarks.real_outlines import RealGarment, real_garments
-from cell.config.cell_settings import load_settings
-from cell.config.garments.garment_file import list_garments, load_garment
-from cell.hardware.photograph import Photograph, in_unit, perceive_photograph
-from skills.perception.classify import classify, polygon_iou
-from skills.perception.family import FAMILIES, best_members
-from skills.perception.outline import MemberOutline, resample_closed
-from skills.perception.registration.upper_edge import locate_upper_edge
-from skills.plane import rotation
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.config.garments.garment_file import list_garments, load_garment
+from foldcell.cell.hardware.photograph import Photograph, in_unit, perceive_photograph
+from foldcell.skills.perception.classify import classify, polygon_iou
+from foldcell.skills.perception.family import FAMILIES, best_members
+from foldcell.skills.perception.outline import MemberOutline, resample_closed
+from foldcell.skills.perception.registration.upper_edge import locate_upper_edge
+from foldcell.skills.plane import rotation
 from tests.scenes import place
 
 FAMILY_GARMENTS = [name for name in list_garments() if load_garment(name).category in FAMILIES]

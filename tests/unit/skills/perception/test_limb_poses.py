@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cell.config.garments.garment_file import load_garment
-from skills.perception.classify import classify
-from skills.perception.limb_poses import best_poses, limb_tips, posed_template
-from skills.perception.outline import resample_closed
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.skills.perception.classify import classify
+from foldcell.skills.perception.limb_poses import best_poses, limb_tips, posed_template
+from foldcell.skills.perception.outline import resample_closed
 from tests.scenes import place
 
 

@@ -3,11 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from robots.errors import FailureKind
-from robots.ports import CameraFrame
-from skills.perception.classify import Match
-from skills.perception.drawing import draw_on_camera, draw_on_view, draw_overlay
-from skills.perception.outline import polygon_area
+from foldcell.robots.errors import FailureKind
+from foldcell.robots.ports import CameraFrame
+from foldcell.skills.perception.classify import Match
+from foldcell.skills.perception.drawing import draw_on_camera, draw_on_view, draw_overlay
+from foldcell.skills.perception.outline import polygon_area
 from tests.builders.shipped_settings import PERCEPTION, perceive
 from tests.builders.silhouettes import Silhouette
 from tests.scenes import TABLE, TOWEL, TOWEL_NAMES, Scene, camera, empty, place, render
@@ -120,7 +120,7 @@ def test_the_second_best_match_is_taken_if_only_its_size_fits(calibration, towel
     """An exception is a match with a much worse overlap, which a second perception would refuse."""
     known = [towels[0], Silhouette("napkin", "napkin", TOWEL_NAMES, TOWEL * 0.7)]
     matches = (Match(known[0], 0.98, 0.7), Match(known[1], overlap, 1.0))
-    monkeypatch.setattr("skills.perception.perceive.classify", lambda contour, garments: matches)
+    monkeypatch.setattr("foldcell.skills.perception.perceive.classify", lambda contour, garments: matches)
     scene = Scene(seed=3, polygons=[place(TOWEL * 0.7, 0.6, 0.0, 0.1)])
     picture, bare = render(scene), empty(scene)
     first = perceive(picture, calibration, TABLE, bare, known)

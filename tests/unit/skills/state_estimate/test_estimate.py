@@ -10,13 +10,13 @@ import pytest
 from benchmarks.interrupted_folds import shoved
 from benchmarks.perception.scenes import TABLE
 from benchmarks.state_estimate import estimate
-from skills.state_estimate import observation
-from skills.state_estimate.comparison import fit
-from skills.state_estimate.drawing import draw_estimate
-from skills.state_estimate.estimate import estimate_state
-from skills.state_estimate.hypothesis import FoldState, Hypothesis
-from skills.state_estimate.wording import describe
-from skills.vocabulary import FailureKind, GraspId
+from foldcell.skills.state_estimate import observation
+from foldcell.skills.state_estimate.comparison import fit
+from foldcell.skills.state_estimate.drawing import draw_estimate
+from foldcell.skills.state_estimate.estimate import estimate_state
+from foldcell.skills.state_estimate.hypothesis import FoldState, Hypothesis
+from foldcell.skills.state_estimate.wording import describe
+from foldcell.skills.vocabulary import FailureKind, GraspId
 from tests.builders.shipped_settings import PERCEPTION
 
 observe = partial(observation.observe, settings=PERCEPTION)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from skills.cloth.predict import HANDS
-from skills.state_estimate.hand_course import HandCourse, held_until, without_gaps
-from skills.vocabulary import GraspId, tool_rotation
+from foldcell.skills.cloth.predict import HANDS
+from foldcell.skills.state_estimate.hand_course import HandCourse, held_until, without_gaps
+from foldcell.skills.vocabulary import GraspId, tool_rotation
 
 T = np.arange(200) / 100
 CLOTH = 0.0022

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from robots.errors import DriverError, FailureKind
-from skills.cloth.predict import HANDS, predict_fold, sample_paths
-from skills.state_estimate.hand_course import HandCourse
-from skills.state_estimate.hypothesis import Interruption
-from skills.state_estimate.interrupted_fold import simulate_interruptions
-from skills.vocabulary import GraspId
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.skills.cloth.predict import HANDS, predict_fold, sample_paths
+from foldcell.skills.state_estimate.hand_course import HandCourse
+from foldcell.skills.state_estimate.hypothesis import Interruption
+from foldcell.skills.state_estimate.interrupted_fold import simulate_interruptions
+from foldcell.skills.vocabulary import GraspId
 
 LEFT, RIGHT = GraspId.LEFT, GraspId.RIGHT
 

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cell.config.garments.garment_file import load_garment
-from skills.fold_plan.plan import plan_folds
-from skills.trajectory.arcs.bezier import arc_controls
-from skills.trajectory.arcs.frame import FoldFrame, frames_of
-from skills.trajectory.arcs.paths import fold_duration
-from skills.trajectory.trajectory_library import (
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.trajectory.arcs.bezier import arc_controls
+from foldcell.skills.trajectory.arcs.frame import FoldFrame, frames_of
+from foldcell.skills.trajectory.arcs.paths import fold_duration
+from foldcell.skills.trajectory.trajectory_library import (
     SCHEMA,
     Library,
     LibraryEntry,
@@ -26,7 +26,7 @@ from skills.trajectory.trajectory_library import (
     to_json,
     trajectory_from,
 )
-from skills.vocabulary import FoldStep, GraspId, GraspTrajectory
+from foldcell.skills.vocabulary import FoldStep, GraspId, GraspTrajectory
 
 TOWEL = load_garment("medium_towel")
 HALF, QUARTER = plan_folds(TOWEL.flat_state(0.58, 0.0), TOWEL).unwrap()

@@ -17,14 +17,14 @@ from urllib.parse import quote, urlencode, urlsplit
 
 import pytest
 
-from cell.campaigns.dashboard.server import served_history
-from cell.campaigns.trials.campaign import TrialRequest
-from cell.campaigns.trials.store import CampaignFolder
-from cell.campaigns.trials.trial import Trial, write_trial
-from cell.journal.journal import Journal
-from cell.operator.local_server import open_listener
-from cell.record.run_record import FoldRecord, RunResult, write_record
-from robots.errors import FailureKind
+from foldcell.cell.campaigns.dashboard.server import served_history
+from foldcell.cell.campaigns.trials.campaign import TrialRequest
+from foldcell.cell.campaigns.trials.store import CampaignFolder
+from foldcell.cell.campaigns.trials.trial import Trial, write_trial
+from foldcell.cell.journal.journal import Journal
+from foldcell.cell.operator.local_server import open_listener
+from foldcell.cell.record.run_record import FoldRecord, RunResult, write_record
+from foldcell.robots.errors import FailureKind
 from tests.builders.campaigns import record, trials_campaign
 from tests.builders.records import score_record
 from tests.inspections import a_claim
@@ -62,7 +62,7 @@ def dashboard(tmp_path: Path) -> Iterator[Dashboard]:
 @pytest.fixture(autouse=True)
 def never_too_old(monkeypatch: pytest.MonkeyPatch) -> None:
     """The tests change the folder faster than a cell does."""
-    monkeypatch.setattr("cell.campaigns.dashboard.history.LEAST_AGE_S", -1.0)
+    monkeypatch.setattr("foldcell.cell.campaigns.dashboard.history.LEAST_AGE_S", -1.0)
 
 
 def performed(

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from cell.campaigns.faults.fault_table import DueEnd, read_fault_table
-from cell.simulation import TRAITS, FaultKind
-from robots.errors import ConfigurationError
+from foldcell.cell.campaigns.faults.fault_table import DueEnd, read_fault_table
+from foldcell.cell.simulation import TRAITS, FaultKind
+from foldcell.robots.errors import ConfigurationError
 
 ROOT = Path(__file__).resolve().parents[5]
 ENTRY = (

@@ -9,22 +9,22 @@ from typing import Any
 
 import pytest
 
-from cell.campaigns.faults.fault_table import DueEnd, read_fault_table
-from cell.campaigns.faults.fault_trials import chosen_faults, fault_campaign, faults_of
-from cell.campaigns.faults.judge import due_ends, judge
-from cell.campaigns.faults.results import FaultResults, Group
-from cell.campaigns.hil.director import Observations
-from cell.campaigns.hil.script import Action
-from cell.campaigns.page.fault_page import write_fault_results
-from cell.campaigns.statistics.proportions import wilson_interval
-from cell.campaigns.trials.campaign import Campaign, TrialRequest
-from cell.campaigns.trials.store import CampaignFolder
-from cell.campaigns.trials.trial import Trial
-from cell.config.cell_settings import load_settings
-from cell.record.run_record import FailureRecord
-from cell.simulation import TRAITS
-from cell.states.transition_table import State
-from robots.errors import ConfigurationError, FailureKind
+from foldcell.cell.campaigns.faults.fault_table import DueEnd, read_fault_table
+from foldcell.cell.campaigns.faults.fault_trials import chosen_faults, fault_campaign, faults_of
+from foldcell.cell.campaigns.faults.judge import due_ends, judge
+from foldcell.cell.campaigns.faults.results import FaultResults, Group
+from foldcell.cell.campaigns.hil.director import Observations
+from foldcell.cell.campaigns.hil.script import Action
+from foldcell.cell.campaigns.page.fault_page import write_fault_results
+from foldcell.cell.campaigns.statistics.proportions import wilson_interval
+from foldcell.cell.campaigns.trials.campaign import Campaign, TrialRequest
+from foldcell.cell.campaigns.trials.store import CampaignFolder
+from foldcell.cell.campaigns.trials.trial import Trial
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.record.run_record import FailureRecord
+from foldcell.cell.simulation import TRAITS
+from foldcell.cell.states.transition_table import State
+from foldcell.robots.errors import ConfigurationError, FailureKind
 from tests.builders.records import run_record, score_record
 
 TABLE = read_fault_table()

@@ -9,19 +9,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cell.campaigns.hil import director as directing
-from cell.campaigns.hil.clock import ScheduledClock
-from cell.campaigns.hil.director import Director
-from cell.campaigns.hil.script import Script
-from cell.campaigns.hil.verdict import broken_expectations
-from cell.hardware.driver import OpenCell
-from cell.record.run_record import FoldRecord, RunRecord
-from cell.states.commands import CommandQueue
-from cell.states.observers import Step
-from cell.states.run_context import Result, RunContext
-from cell.states.transition_table import Effect, Event, State
-from robots.errors import Failure, FailureKind
-from robots.ports import Ports
+from foldcell.cell.campaigns.hil import director as directing
+from foldcell.cell.campaigns.hil.clock import ScheduledClock
+from foldcell.cell.campaigns.hil.director import Director
+from foldcell.cell.campaigns.hil.script import Script
+from foldcell.cell.campaigns.hil.verdict import broken_expectations
+from foldcell.cell.hardware.driver import OpenCell
+from foldcell.cell.record.run_record import FoldRecord, RunRecord
+from foldcell.cell.states.commands import CommandQueue
+from foldcell.cell.states.observers import Step
+from foldcell.cell.states.run_context import Result, RunContext
+from foldcell.cell.states.transition_table import Effect, Event, State
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.ports import Ports
 from tests.builders.records import run_record, score_record
 from tests.fakes import FakeCell
 

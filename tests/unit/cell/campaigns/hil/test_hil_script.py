@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import yaml
 
-from cell.campaigns.hil.script import FaultSpec, Moment, read_script
-from cell.campaigns.hil.script_run import check_script
-from cell.config.cell_settings import load_settings
-from cell.simulation import FaultKind
-from cell.states.transition_table import Event, State
-from robots.errors import ConfigurationError, FailureKind
-from robots.ports import Side
+from foldcell.cell.campaigns.hil.script import FaultSpec, Moment, read_script
+from foldcell.cell.campaigns.hil.script_run import check_script
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.simulation import FaultKind
+from foldcell.cell.states.transition_table import Event, State
+from foldcell.robots.errors import ConfigurationError, FailureKind
+from foldcell.robots.ports import Side
 
 SHIPPED = sorted((Path(__file__).parents[4] / "hil").glob("*.yaml"))
 GOOD: dict[str, Any] = {"about": "a test", "garment": "small_towel", "expect": {"end": "folded"}}

@@ -11,21 +11,21 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from cell.calibrating.session import CalibrationRequest
-from cell.campaigns.ladder import climb as climbing
-from cell.campaigns.ladder import runs as ladder_runs
-from cell.campaigns.ladder.climb import FAILED, FRESH_S, Climbed, Passes, StepResult, climb, climb_cell
-from cell.campaigns.ladder.page import write_page
-from cell.campaigns.ladder.rung import Recording, Rung
-from cell.campaigns.ladder.runs import ScriptedRuns
-from cell.campaigns.ladder.steps import STEPS
-from cell.commands.main import main
-from cell.config.cell_settings import load_settings
-from cell.hardware.camera import camera_calibration
-from cell.hardware.contract.rig import BrokenError
-from cell.support.forwarding import forwarding
-from robots.errors import ConfigurationError
-from robots.ports import JointSetpoint, JointState, Ports, Side, TactileReading, frozen
+from foldcell.cell.calibrating.session import CalibrationRequest
+from foldcell.cell.campaigns.ladder import climb as climbing
+from foldcell.cell.campaigns.ladder import runs as ladder_runs
+from foldcell.cell.campaigns.ladder.climb import FAILED, FRESH_S, Climbed, Passes, StepResult, climb, climb_cell
+from foldcell.cell.campaigns.ladder.page import write_page
+from foldcell.cell.campaigns.ladder.rung import Recording, Rung
+from foldcell.cell.campaigns.ladder.runs import ScriptedRuns
+from foldcell.cell.campaigns.ladder.steps import STEPS
+from foldcell.cell.commands.main import main
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.hardware.camera import camera_calibration
+from foldcell.cell.hardware.contract.rig import BrokenError
+from foldcell.cell.support.forwarding import forwarding
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.ports import JointSetpoint, JointState, Ports, Side, TactileReading, frozen
 from tests.broken_drivers import (
     Break,
     along_the_ray,

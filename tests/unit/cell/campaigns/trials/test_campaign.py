@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from cell.campaigns.trials.campaign import read_campaign
-from cell.config.cell_settings import load_settings
-from cell.config.garments.garment_file import shipped_garment_path
-from robots.errors import ConfigurationError
+from foldcell.cell.campaigns.trials.campaign import read_campaign
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.config.garments.garment_file import shipped_garment_path
+from foldcell.robots.errors import ConfigurationError
 
 SHIPPED = sorted((Path(__file__).parents[5] / "benchmarks" / "campaigns").glob("*.yaml"))
 

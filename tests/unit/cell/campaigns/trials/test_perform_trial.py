@@ -10,11 +10,11 @@ from typing import Any
 
 import pytest
 
-from cell.campaigns.trials.campaign import Keep, TrialRequest
-from cell.campaigns.trials.perform_trial import perform_trial
-from cell.campaigns.trials.trial import TRIAL, Trial, read_trial
-from cell.support.process.terminations import Terminated
-from robots.errors import ConfigurationError, FailureKind, StorageError
+from foldcell.cell.campaigns.trials.campaign import Keep, TrialRequest
+from foldcell.cell.campaigns.trials.perform_trial import perform_trial
+from foldcell.cell.campaigns.trials.trial import TRIAL, Trial, read_trial
+from foldcell.cell.support.process.terminations import Terminated
+from foldcell.robots.errors import ConfigurationError, FailureKind, StorageError
 from tests.builders.campaigns import record, request
 
 

@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.identify import BOUND, silhouette
-from cell.config.cell_settings import CellSettings, load_settings
-from cell.config.garments.garment_file import load_garment
-from cell.executive.effects.adapting import FACTORS, adapt
-from cell.planning.fold_planning import simulated_paths
-from cell.states.stages import Plan
-from robots.ports import Array
-from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.cloth.predict import predict_fold
-from skills.fold_plan.plan import plan_folds
-from skills.trajectory.arcs.paths import LIFT_HEIGHT, fold_paths
-from skills.vocabulary import Material, PredictedShape
+from foldcell.calibration.identify import BOUND, silhouette
+from foldcell.cell.config.cell_settings import CellSettings, load_settings
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.executive.effects.adapting import FACTORS, adapt
+from foldcell.cell.planning.fold_planning import simulated_paths
+from foldcell.cell.states.stages import Plan
+from foldcell.robots.ports import Array
+from foldcell.skills.cloth.mesh import ClothMesh, mesh_from_contour
+from foldcell.skills.cloth.predict import predict_fold
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.trajectory.arcs.paths import LIFT_HEIGHT, fold_paths
+from foldcell.skills.vocabulary import Material, PredictedShape
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell

@@ -9,16 +9,16 @@ from typing import Any
 
 import pytest
 
-import cell.executive.effects.checking as checking
-from cell.config.cell_settings import load_settings
-from cell.executive.effects import EFFECTS
-from cell.executive.effects.checking import approach_watched
-from cell.hardware.workcell import Workcell
-from cell.states.run_context import Result, RunContext
-from cell.states.transition_table import Effect, Event
-from robots.errors import DriverError, Failure, FailureKind
-from robots.ports import CameraFrame
-from skills.perception.camera_fault import picture_digests
+import foldcell.cell.executive.effects.checking as checking
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.executive.effects import EFFECTS
+from foldcell.cell.executive.effects.checking import approach_watched
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.states.run_context import Result, RunContext
+from foldcell.cell.states.transition_table import Effect, Event
+from foldcell.robots.errors import DriverError, Failure, FailureKind
+from foldcell.robots.ports import CameraFrame
+from foldcell.skills.perception.camera_fault import picture_digests
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.scenes import TABLE, TOWEL, Scene, camera, empty, place, render, with_arm

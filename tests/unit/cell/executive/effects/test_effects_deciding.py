@@ -11,21 +11,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.config.cell_settings import CellSettings, load_settings
-from cell.config.garments.garment_file import load_garment
-from cell.control.set_points import LastCommand
-from cell.executive.effects import EFFECTS
-from cell.executive.effects.recovery.deciding import ask_approval, ask_operator, pause
-from cell.record.words import recovery_in_words
-from cell.states.recovery_table import RECOVERIES, Adjustment
-from cell.states.run_context import RunContext
-from cell.states.transition_table import TRANSITIONS, Effect, Event, State
-from robots.errors import Failure, FailureKind
-from robots.ports import Side
-from skills.fold_plan.repair import RepairGoal
-from skills.state_estimate.estimate import StateEstimate
-from skills.state_estimate.hypothesis import FoldState
-from skills.vocabulary import Grasp
+from foldcell.cell.config.cell_settings import CellSettings, load_settings
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.control.set_points import LastCommand
+from foldcell.cell.executive.effects import EFFECTS
+from foldcell.cell.executive.effects.recovery.deciding import ask_approval, ask_operator, pause
+from foldcell.cell.record.words import recovery_in_words
+from foldcell.cell.states.recovery_table import RECOVERIES, Adjustment
+from foldcell.cell.states.run_context import RunContext
+from foldcell.cell.states.transition_table import TRANSITIONS, Effect, Event, State
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.ports import Side
+from foldcell.skills.fold_plan.repair import RepairGoal
+from foldcell.skills.state_estimate.estimate import StateEstimate
+from foldcell.skills.state_estimate.hypothesis import FoldState
+from foldcell.skills.vocabulary import Grasp
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell

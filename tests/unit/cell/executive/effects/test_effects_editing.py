@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.config.garments.garment_file import load_garment
-from cell.executive.effects import EFFECTS
-from cell.executive.effects.editing import edited_step, refusal, with_plan_edit
-from cell.executive.effects.recovery.deciding import ask_approval, choose_next
-from cell.states.plan_edit import PlanEdit
-from cell.states.recovery_table import Adjustment
-from cell.states.run_context import RunContext
-from cell.states.transition_table import Effect, Event
-from robots.errors import Failure, FailureKind
-from skills.fold_plan.plan import plan_folds
-from skills.vocabulary import FoldStep, GraspId
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.executive.effects import EFFECTS
+from foldcell.cell.executive.effects.editing import edited_step, refusal, with_plan_edit
+from foldcell.cell.executive.effects.recovery.deciding import ask_approval, choose_next
+from foldcell.cell.states.plan_edit import PlanEdit
+from foldcell.cell.states.recovery_table import Adjustment
+from foldcell.cell.states.run_context import RunContext
+from foldcell.cell.states.transition_table import Effect, Event
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.vocabulary import FoldStep, GraspId
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.executive.effects import EFFECTS
-from cell.executive.effects.recovery import estimating
-from cell.states.run_context import Result
-from cell.states.transition_table import Effect, Event
-from robots.errors import Failure, FailureKind
-from robots.ports import Side
-from skills.state_estimate.estimate import COMPLETED, PRIORS, StateEstimate
-from skills.state_estimate.hypothesis import FoldState
-from skills.vocabulary import GraspId, Outcome, PredictedShape
+from foldcell.cell.executive.effects import EFFECTS
+from foldcell.cell.executive.effects.recovery import estimating
+from foldcell.cell.states.run_context import Result
+from foldcell.cell.states.transition_table import Effect, Event
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.ports import Side
+from foldcell.skills.state_estimate.estimate import COMPLETED, PRIORS, StateEstimate
+from foldcell.skills.state_estimate.hypothesis import FoldState
+from foldcell.skills.vocabulary import GraspId, Outcome, PredictedShape
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell

@@ -9,25 +9,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.control.motions.guarded_motions import FingertipForceMonitor
-from cell.control.motions.hands import Hands
-from cell.executive.effects import EFFECTS, grasping, lifting
-from cell.executive.effects.recovery import deciding
-from cell.hardware.workcell import Workcell
-from cell.states.fold_context import FoldContext
-from cell.states.recovery_table import Adjustment
-from cell.states.run_context import RunContext
-from cell.states.transition_table import Effect, Event
-from robots.baxter.ros.electric_gripper import FULL_FORCE
-from robots.errors import Failure, FailureKind
-from robots.ports import Array, GripperState, JointState, Side, TactileReading, arm_slice
-from skills.grasping.descend import ARM_STIFFNESS
-from skills.grasping.hand_reading import HandReading
-from skills.grasping.standing import lower_tip, to_stand_at
-from skills.grasping.tare import TactileBias
-from skills.motion.kinematics.posture import Posture
-from skills.motion.moves.grasp import Descent
-from skills.vocabulary import Grasp, GraspId, Outcome
+from foldcell.cell.control.motions.guarded_motions import FingertipForceMonitor
+from foldcell.cell.control.motions.hands import Hands
+from foldcell.cell.executive.effects import EFFECTS, grasping, lifting
+from foldcell.cell.executive.effects.recovery import deciding
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.states.fold_context import FoldContext
+from foldcell.cell.states.recovery_table import Adjustment
+from foldcell.cell.states.run_context import RunContext
+from foldcell.cell.states.transition_table import Effect, Event
+from foldcell.robots.baxter.ros.electric_gripper import FULL_FORCE
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.ports import Array, GripperState, JointState, Side, TactileReading, arm_slice
+from foldcell.skills.grasping.descend import ARM_STIFFNESS
+from foldcell.skills.grasping.hand_reading import HandReading
+from foldcell.skills.grasping.standing import lower_tip, to_stand_at
+from foldcell.skills.grasping.tare import TactileBias
+from foldcell.skills.motion.kinematics.posture import Posture
+from foldcell.skills.motion.moves.grasp import Descent
+from foldcell.skills.vocabulary import Grasp, GraspId, Outcome
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell, live_noise
 from tests.workcells import fake_workcell

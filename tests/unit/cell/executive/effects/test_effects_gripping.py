@@ -9,25 +9,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.control.motion import Tick
-from cell.control.motions.guarded_motions import Lowering
-from cell.control.motions.hands import Hands
-from cell.executive.effects import EFFECTS, checked_motion, folding, grasping, lifting, moving
-from cell.executive.effects.recovery import freeing, parking, ways_out
-from cell.executive.effects.recovery.ways_out import FREEING_TRIES
-from cell.hardware.workcell import Workcell
-from cell.states.run_context import RunContext
-from cell.states.transition_table import Effect, Event
-from robots.errors import DriverError, Failure, FailureKind
-from robots.model import JointLimits
-from robots.ports import ArmTrajectory, Side, arm_slice
-from skills.fold_plan import pressing
-from skills.grasping.confirm import Held, LayerCount
-from skills.grasping.empty_hand import NARROW
-from skills.grasping.tare import TactileBias
-from skills.motion.moves.grasp import Descent
-from skills.motion.timing.jerk_limiter import JerkLimiter
-from skills.vocabulary import Outcome
+from foldcell.cell.control.motion import Tick
+from foldcell.cell.control.motions.guarded_motions import Lowering
+from foldcell.cell.control.motions.hands import Hands
+from foldcell.cell.executive.effects import EFFECTS, checked_motion, folding, grasping, lifting, moving
+from foldcell.cell.executive.effects.recovery import freeing, parking, ways_out
+from foldcell.cell.executive.effects.recovery.ways_out import FREEING_TRIES
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.states.run_context import RunContext
+from foldcell.cell.states.transition_table import Effect, Event
+from foldcell.robots.errors import DriverError, Failure, FailureKind
+from foldcell.robots.model import JointLimits
+from foldcell.robots.ports import ArmTrajectory, Side, arm_slice
+from foldcell.skills.fold_plan import pressing
+from foldcell.skills.grasping.confirm import Held, LayerCount
+from foldcell.skills.grasping.empty_hand import NARROW
+from foldcell.skills.grasping.tare import TactileBias
+from foldcell.skills.motion.moves.grasp import Descent
+from foldcell.skills.motion.timing.jerk_limiter import JerkLimiter
+from foldcell.skills.vocabulary import Outcome
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell

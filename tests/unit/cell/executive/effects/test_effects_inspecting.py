@@ -8,22 +8,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-import cell.executive.effects.inspecting as inspecting
-from cell.executive.effects import EFFECTS
-from cell.executive.effects.inspecting import figures, next_step
-from cell.states.fold_context import FoldContext
-from cell.states.recovery_table import Adjustment
-from cell.states.run_context import RunContext
-from cell.states.stages import FirstLook, FoldNote, Repair
-from cell.states.transition_table import Effect, Event
-from robots.errors import Failure, FailureKind
-from skills.cloth.mesh import ClothMesh
-from skills.fold_plan.repair import RepairGoal
-from skills.perception.inspection.height_expectation import CameraBias
-from skills.perception.inspection.result import Inspection
-from skills.perception.inspection.target_view import StackHeights, TargetView
-from skills.state_estimate.hypothesis import FoldState
-from skills.vocabulary import FoldLine, FoldStep, GarmentState, Outcome, PredictedShape
+import foldcell.cell.executive.effects.inspecting as inspecting
+from foldcell.cell.executive.effects import EFFECTS
+from foldcell.cell.executive.effects.inspecting import figures, next_step
+from foldcell.cell.states.fold_context import FoldContext
+from foldcell.cell.states.recovery_table import Adjustment
+from foldcell.cell.states.run_context import RunContext
+from foldcell.cell.states.stages import FirstLook, FoldNote, Repair
+from foldcell.cell.states.transition_table import Effect, Event
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.fold_plan.repair import RepairGoal
+from foldcell.skills.perception.inspection.height_expectation import CameraBias
+from foldcell.skills.perception.inspection.result import Inspection
+from foldcell.skills.perception.inspection.target_view import StackHeights, TargetView
+from foldcell.skills.state_estimate.hypothesis import FoldState
+from foldcell.skills.vocabulary import FoldLine, FoldStep, GarmentState, Outcome, PredictedShape
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.inspections import a_claim, inspection

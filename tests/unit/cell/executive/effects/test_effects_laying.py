@@ -8,20 +8,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-import cell.executive.effects.recovery.laying as laying
-import cell.executive.effects.recovery.ways_out as ways_out
-from cell.executive.effects import EFFECTS
-from cell.hardware.workcell import Workcell
-from cell.states.recovery_table import Laying
-from cell.states.run_context import RunContext
-from cell.states.transition_table import Effect, Event
-from robots.baxter.robot import load_model
-from robots.errors import DriverError, Failure, FailureKind
-from robots.ports import ArmTrajectory, Array, Side
-from skills.grasping.confirm import Held, LayerCount
-from skills.motion.moves.lift import plan_lift
-from skills.motion.timing.timing import free_motion
-from skills.motion.validation.collision import CollisionChecker
+import foldcell.cell.executive.effects.recovery.laying as laying
+import foldcell.cell.executive.effects.recovery.ways_out as ways_out
+from foldcell.cell.executive.effects import EFFECTS
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.states.recovery_table import Laying
+from foldcell.cell.states.run_context import RunContext
+from foldcell.cell.states.transition_table import Effect, Event
+from foldcell.robots.baxter.robot import load_model
+from foldcell.robots.errors import DriverError, Failure, FailureKind
+from foldcell.robots.ports import ArmTrajectory, Array, Side
+from foldcell.skills.grasping.confirm import Held, LayerCount
+from foldcell.skills.motion.moves.lift import plan_lift
+from foldcell.skills.motion.timing.timing import free_motion
+from foldcell.skills.motion.validation.collision import CollisionChecker
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell

@@ -9,25 +9,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-import cell.executive.effects.moving as moving
-import cell.executive.effects.recovery.parking as parking
-import cell.executive.effects.recovery.ways_out as ways_out
-from cell.config.cell_settings import load_settings
-from cell.control.set_points import LastCommand
-from cell.executive.effects import EFFECTS
-from cell.executive.effects.checked_motion import move
-from cell.executive.effects.moving import clear, clear_again, hold_still, make_safe, prepare, retreat
-from cell.executive.effects.recovery.ways_out import CLEARING_DWELL_S, PREPARING_DWELLS_S
-from cell.hardware.workcell import Workcell
-from cell.states.run_context import RunContext
-from cell.states.transition_table import Effect, Event
-from robots.baxter.robot import load_model
-from robots.errors import DriverError, Failure, FailureKind
-from robots.ports import ArmTrajectory, GripperState, Side
-from skills.motion.moves.retreat import Retreat
-from skills.motion.timing.timing import free_motion
-from skills.motion.validation.collision import CollisionChecker
-from skills.vocabulary import Outcome
+import foldcell.cell.executive.effects.moving as moving
+import foldcell.cell.executive.effects.recovery.parking as parking
+import foldcell.cell.executive.effects.recovery.ways_out as ways_out
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.control.set_points import LastCommand
+from foldcell.cell.executive.effects import EFFECTS
+from foldcell.cell.executive.effects.checked_motion import move
+from foldcell.cell.executive.effects.moving import clear, clear_again, hold_still, make_safe, prepare, retreat
+from foldcell.cell.executive.effects.recovery.ways_out import CLEARING_DWELL_S, PREPARING_DWELLS_S
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.states.run_context import RunContext
+from foldcell.cell.states.transition_table import Effect, Event
+from foldcell.robots.baxter.robot import load_model
+from foldcell.robots.errors import DriverError, Failure, FailureKind
+from foldcell.robots.ports import ArmTrajectory, GripperState, Side
+from foldcell.skills.motion.moves.retreat import Retreat
+from foldcell.skills.motion.timing.timing import free_motion
+from foldcell.skills.motion.validation.collision import CollisionChecker
+from foldcell.skills.vocabulary import Outcome
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell

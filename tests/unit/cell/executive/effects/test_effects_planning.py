@@ -10,24 +10,24 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.config.cell_settings import load_settings
-from cell.config.garments.garment_file import load_garment
-from cell.config.trajectory_library.library_file import entry_of
-from cell.executive.effects import EFFECTS
-from cell.executive.effects.planning import _draws
-from cell.states.recovery_table import Adjustment
-from cell.states.run_context import Result, RunContext
-from cell.states.transition_table import Effect, Event
-from robots.errors import FailureKind, StorageError
-from robots.ports import Array
-from skills.cloth.mesh import mesh_from_contour
-from skills.fold_plan.folding import target_vertices
-from skills.fold_plan.plan import plan_folds
-from skills.trajectory.arcs.bezier import arc_controls
-from skills.trajectory.arcs.frame import frames_of
-from skills.trajectory.search.acceptance import POOR_SHARE, PROMISE_SLACK
-from skills.trajectory.trajectory_library import Library, entry_from
-from skills.vocabulary import GarmentState, GraspId, GraspTrajectory
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.config.trajectory_library.library_file import entry_of
+from foldcell.cell.executive.effects import EFFECTS
+from foldcell.cell.executive.effects.planning import _draws
+from foldcell.cell.states.recovery_table import Adjustment
+from foldcell.cell.states.run_context import Result, RunContext
+from foldcell.cell.states.transition_table import Effect, Event
+from foldcell.robots.errors import FailureKind, StorageError
+from foldcell.robots.ports import Array
+from foldcell.skills.cloth.mesh import mesh_from_contour
+from foldcell.skills.fold_plan.folding import target_vertices
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.trajectory.arcs.bezier import arc_controls
+from foldcell.skills.trajectory.arcs.frame import frames_of
+from foldcell.skills.trajectory.search.acceptance import POOR_SHARE, PROMISE_SLACK
+from foldcell.skills.trajectory.trajectory_library import Library, entry_from
+from foldcell.skills.vocabulary import GarmentState, GraspId, GraspTrajectory
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
@@ -105,7 +105,7 @@ class Choice:
         self, cloth: Cloth, workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch, *changes: Adjustment,
         shelf: Library | None = None, full: bool = False,
     ) -> None:  # fmt: skip
-        monkeypatch.setattr("cell.executive.effects.planning.ClothPredictor", lambda pads: cloth)
+        monkeypatch.setattr("foldcell.cell.executive.effects.planning.ClothPredictor", lambda pads: cloth)
         self.cell, self.kept, self.watcher, self.cloth = FakeCell(), [], Watcher(), cloth
         shelf = library() if shelf is None else shelf
         settings = load_settings()

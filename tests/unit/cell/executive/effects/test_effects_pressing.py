@@ -10,25 +10,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.config.cell_settings import load_settings
-from cell.config.garments.garment_file import load_garment
-from cell.control.motions.hands import Hands
-from cell.control.path_clock import PathControl
-from cell.executive.effects import EFFECTS, inspecting, pressing
-from cell.executive.effects.inspecting import judged_as_before
-from cell.states.run_context import RunContext
-from cell.states.stages import Plan, PressPlan
-from cell.states.transition_table import Effect, Event
-from robots.baxter.robot import load_model
-from robots.errors import Failure, FailureKind
-from robots.ports import ArmTrajectory, GripperState, Side, TactileReading
-from skills.cloth.mesh import ClothMesh
-from skills.fold_plan.pressing import OPENING, Dab, press_paths
-from skills.grasping.hand_reading import HandReading
-from skills.perception.inspection.inspect import Inspection
-from skills.perception.inspection.moved_edge import MovedEdge
-from skills.perception.rectification.table_view import TableView
-from skills.vocabulary import FoldLine, FoldStep, Outcome, PredictedShape
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.control.motions.hands import Hands
+from foldcell.cell.control.path_clock import PathControl
+from foldcell.cell.executive.effects import EFFECTS, inspecting, pressing
+from foldcell.cell.executive.effects.inspecting import judged_as_before
+from foldcell.cell.states.run_context import RunContext
+from foldcell.cell.states.stages import Plan, PressPlan
+from foldcell.cell.states.transition_table import Effect, Event
+from foldcell.robots.baxter.robot import load_model
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.ports import ArmTrajectory, GripperState, Side, TactileReading
+from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.fold_plan.pressing import OPENING, Dab, press_paths
+from foldcell.skills.grasping.hand_reading import HandReading
+from foldcell.skills.perception.inspection.inspect import Inspection
+from foldcell.skills.perception.inspection.moved_edge import MovedEdge
+from foldcell.skills.perception.rectification.table_view import TableView
+from foldcell.skills.vocabulary import FoldLine, FoldStep, Outcome, PredictedShape
 from tests.builders.contexts import context_with
 from tests.builders.shipped_settings import INSPECTION
 from tests.fakes import FakeCell

@@ -9,26 +9,26 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.config.garments.garment_file import load_garment
-from cell.executive.effects import EFFECTS
-from cell.executive.effects.grasping import HIGHEST, LOWEST, STOP, _goal
-from cell.executive.effects.planning import _task
-from cell.executive.effects.recovery import repairing
-from cell.states.run_context import RunContext
-from cell.states.transition_table import Effect, Event
-from robots.errors import CellError, Failure, FailureKind
-from robots.ports import Array
-from skills.cloth.mesh import mesh_from_contour
-from skills.fold_plan.folding import target_vertices
-from skills.fold_plan.plan import plan_folds
-from skills.fold_plan.repair import RepairGoal, ways_to_hold
-from skills.state_estimate.comparison import Fit
-from skills.state_estimate.estimate import StateEstimate
-from skills.state_estimate.hypothesis import FoldState, Hypothesis
-from skills.trajectory.arcs.bezier import arc_controls
-from skills.trajectory.arcs.frame import frames_of
-from skills.trajectory.search.acceptance import PROMISE_SLACK
-from skills.vocabulary import Grasp, GraspTrajectory, PredictedShape
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.executive.effects import EFFECTS
+from foldcell.cell.executive.effects.grasping import HIGHEST, LOWEST, STOP, _goal
+from foldcell.cell.executive.effects.planning import _task
+from foldcell.cell.executive.effects.recovery import repairing
+from foldcell.cell.states.run_context import RunContext
+from foldcell.cell.states.transition_table import Effect, Event
+from foldcell.robots.errors import CellError, Failure, FailureKind
+from foldcell.robots.ports import Array
+from foldcell.skills.cloth.mesh import mesh_from_contour
+from foldcell.skills.fold_plan.folding import target_vertices
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.fold_plan.repair import RepairGoal, ways_to_hold
+from foldcell.skills.state_estimate.comparison import Fit
+from foldcell.skills.state_estimate.estimate import StateEstimate
+from foldcell.skills.state_estimate.hypothesis import FoldState, Hypothesis
+from foldcell.skills.trajectory.arcs.bezier import arc_controls
+from foldcell.skills.trajectory.arcs.frame import frames_of
+from foldcell.skills.trajectory.search.acceptance import PROMISE_SLACK
+from foldcell.skills.vocabulary import Grasp, GraspTrajectory, PredictedShape
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.inspections import a_claim, inspection

@@ -11,18 +11,18 @@ import cv2
 import numpy as np
 import pytest
 
-from cell.config.cell_settings import load_settings
-from cell.config.garments.garment_file import load_garment
-from cell.control.motion import Tick
-from cell.executive.effects import EFFECTS
-from cell.executive.effects.folding import _photographer
-from cell.executive.effects.seeing import await_garment, look, photograph_table
-from cell.hardware.workcell import Workcell
-from cell.states.run_context import Result, RunContext
-from cell.states.transition_table import Effect, Event
-from robots.errors import Failure, FailureKind
-from robots.ports import CameraFrame
-from skills.vocabulary import Outcome
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.control.motion import Tick
+from foldcell.cell.executive.effects import EFFECTS
+from foldcell.cell.executive.effects.folding import _photographer
+from foldcell.cell.executive.effects.seeing import await_garment, look, photograph_table
+from foldcell.cell.hardware.workcell import Workcell
+from foldcell.cell.states.run_context import Result, RunContext
+from foldcell.cell.states.transition_table import Effect, Event
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.ports import CameraFrame
+from foldcell.skills.vocabulary import Outcome
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.scenes import TABLE, Scene, camera, empty
@@ -185,7 +185,7 @@ def test_a_recognised_garment_keeps_its_category(monkeypatch: pytest.MonkeyPatch
         expected.append(given[5])
         return Outcome(failure=Failure(FailureKind.CATEGORY_MISMATCH, "it is smaller"))
 
-    monkeypatch.setattr("cell.executive.effects.seeing.perceive", perceiving)
+    monkeypatch.setattr("foldcell.cell.executive.effects.seeing.perceive", perceiving)
     with ThreadPoolExecutor(1) as workers:
         workcell, _ = seeing(workers=workers)
         first = look(workcell, RunContext()).context
@@ -207,7 +207,7 @@ def test_the_first_look_at_the_garment_is_kept_until_it_is_laid_again(monkeypatc
         state = garment.flat_state(0.6, 0.0)
         return Outcome(SimpleNamespace(garment="small_towel", state=state, height=height, mask=mask))
 
-    seeing_module = "cell.executive.effects.seeing."
+    seeing_module = "foldcell.cell.executive.effects.seeing."
     monkeypatch.setattr(seeing_module + "perceive", perceiving)
     monkeypatch.setattr(seeing_module + "draw_on_camera", lambda *_: np.zeros((1, 1, 3), np.uint8))
     workcell, _ = seeing(garments=(garment,))
@@ -229,9 +229,9 @@ def test_between_two_folds_the_folded_garment_is_located_and_not_recognised_agai
 ) -> None:
     """A folded garment looks like another garment."""
     found = Result(Event.DONE, RunContext())
-    monkeypatch.setattr("cell.executive.effects.seeing.find_folded", lambda *_: found)
+    monkeypatch.setattr("foldcell.cell.executive.effects.seeing.find_folded", lambda *_: found)
     monkeypatch.setattr(
-        "cell.executive.effects.seeing.perceive",
+        "foldcell.cell.executive.effects.seeing.perceive",
         lambda *_, **__: pytest.fail("a folded garment is not recognised as a flat one"),
     )
     workcell, _ = seeing()
@@ -277,7 +277,7 @@ def test_a_table_that_contradicts_the_calibration_is_refused() -> None:
 
 def test_an_invisible_table_leaves_the_calibration_unchanged(monkeypatch: pytest.MonkeyPatch) -> None:
     for judge in ("obstructed", "tilted_table"):  # the fake depth is no table
-        monkeypatch.setattr(f"cell.executive.effects.seeing.{judge}", lambda *_: None)
+        monkeypatch.setattr(f"foldcell.cell.executive.effects.seeing.{judge}", lambda *_: None)
     with ThreadPoolExecutor(1) as workers:
         workcell, _ = seeing(workers=workers)
         result = photograph_table(workcell, RunContext())

@@ -10,24 +10,24 @@ import cv2
 import numpy as np
 import pytest
 
-from cell.config.cell_settings import load_settings
-from cell.config.garments.garment_file import load_garment
-from cell.executive.effects import EFFECTS
-from cell.executive.effects.planning import _task
-from cell.executive.effects.recovery import spreading
-from cell.executive.effects.recovery.deciding import ask_operator
-from cell.executive.effects.recovery.spreading import lies_elsewhere, not_spread
-from cell.states.run_context import RunContext
-from cell.states.stages import FirstLook, Spread
-from cell.states.transition_table import Effect, Event
-from robots.errors import Failure, FailureKind
-from robots.ports import Array
-from skills.cloth.mesh import mesh_from_contour
-from skills.fold_plan.plan import plan_folds
-from skills.perception.inspection.height_expectation import CameraBias
-from skills.perception.rectification.table_view import TableView
-from skills.state_estimate.observation import Observation
-from skills.vocabulary import Outcome
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.executive.effects import EFFECTS
+from foldcell.cell.executive.effects.planning import _task
+from foldcell.cell.executive.effects.recovery import spreading
+from foldcell.cell.executive.effects.recovery.deciding import ask_operator
+from foldcell.cell.executive.effects.recovery.spreading import lies_elsewhere, not_spread
+from foldcell.cell.states.run_context import RunContext
+from foldcell.cell.states.stages import FirstLook, Spread
+from foldcell.cell.states.transition_table import Effect, Event
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.ports import Array
+from foldcell.skills.cloth.mesh import mesh_from_contour
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.perception.inspection.height_expectation import CameraBias
+from foldcell.skills.perception.rectification.table_view import TableView
+from foldcell.skills.state_estimate.observation import Observation
+from foldcell.skills.vocabulary import Outcome
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell

@@ -18,21 +18,21 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
-from cell.commands.options import origin as page_origin
-from cell.config.garments.garment_file import load_garment
-from cell.operator.console.live_view import LiveView
-from cell.operator.console.run_status import RunStatus
-from cell.operator.console.server import operators_page
-from cell.operator.local_server import open_listener
-from cell.states.commands import CommandQueue
-from cell.states.observers import Step
-from cell.states.plan_edit import PlanEdit
-from cell.states.run_context import Result, RunContext
-from cell.states.stages import Repair
-from cell.states.transition_table import Effect, Event, State
-from robots.errors import DriverError, Failure, FailureKind, StorageError
-from skills.fold_plan.plan import plan_folds
-from skills.fold_plan.repair import RepairGoal
+from foldcell.cell.commands.options import origin as page_origin
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.operator.console.live_view import LiveView
+from foldcell.cell.operator.console.run_status import RunStatus
+from foldcell.cell.operator.console.server import operators_page
+from foldcell.cell.operator.local_server import open_listener
+from foldcell.cell.states.commands import CommandQueue
+from foldcell.cell.states.observers import Step
+from foldcell.cell.states.plan_edit import PlanEdit
+from foldcell.cell.states.run_context import Result, RunContext
+from foldcell.cell.states.stages import Repair
+from foldcell.cell.states.transition_table import Effect, Event, State
+from foldcell.robots.errors import DriverError, Failure, FailureKind, StorageError
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.fold_plan.repair import RepairGoal
 from tests.builders.contexts import context_with
 from tests.builders.records import run_record, run_status
 from tests.fakes import FakeCell
@@ -71,7 +71,7 @@ def address(
     cell: FakeCell, board: RunStatus, view: LiveView, commands: CommandQueue, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[str]:
     """A served page that does not linger at its end: no test listens to it then."""
-    monkeypatch.setattr("cell.operator.console.server.LAST_WORD_S", 0.0)
+    monkeypatch.setattr("foldcell.cell.operator.console.server.LAST_WORD_S", 0.0)
     with operators_page(board, view, commands, cell.ports().stop, None, open_listener()) as address:
         yield address
 
@@ -164,7 +164,7 @@ def test_the_page_needs_the_secret_address(address: str, path: str) -> None:
 def test_a_forwarded_page_is_linked_and_nothing_else(
     cell: FakeCell, board: RunStatus, view: LiveView, commands: CommandQueue, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cell.operator.console.server.LAST_WORD_S", 0.0)
+    monkeypatch.setattr("foldcell.cell.operator.console.server.LAST_WORD_S", 0.0)
     mine, stop = "http://localhost:9000", cell.ports().stop
     with operators_page(board, view, commands, stop, None, open_listener(), mine) as address:
         link = address.replace("http", "ws") + "link?page=one"

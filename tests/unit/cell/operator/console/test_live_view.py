@@ -10,13 +10,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cell.operator.console.live_view import PERIOD_S, LiveView
-from cell.simulation import Display
-from cell.states.observers import Step
-from cell.states.run_context import Result, RunContext
-from cell.states.transition_table import Effect, Event, State
-from robots.errors import DriverError, FailureKind
-from robots.ports import ArmTrajectory, CameraFrame, Side
+from foldcell.cell.operator.console.live_view import PERIOD_S, LiveView
+from foldcell.cell.simulation import Display
+from foldcell.cell.states.observers import Step
+from foldcell.cell.states.run_context import Result, RunContext
+from foldcell.cell.states.transition_table import Effect, Event, State
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.ports import ArmTrajectory, CameraFrame, Side
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.scenes import Scene, camera, render

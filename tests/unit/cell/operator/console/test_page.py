@@ -20,14 +20,14 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from cell.operator.console.run_status import RunStatus
-from cell.operator.console.server import PAGE
-from cell.record.run_record import FailureRecord
-from cell.report.camera_pictures.projected_drawing import jpeg_file
-from cell.states.observers import Step
-from cell.states.run_context import Result
-from cell.states.transition_table import Effect, Event, State
-from robots.errors import FailureKind
+from foldcell.cell.operator.console.run_status import RunStatus
+from foldcell.cell.operator.console.server import PAGE
+from foldcell.cell.record.run_record import FailureRecord
+from foldcell.cell.report.camera_pictures.projected_drawing import jpeg_file
+from foldcell.cell.states.observers import Step
+from foldcell.cell.states.run_context import Result
+from foldcell.cell.states.transition_table import Effect, Event, State
+from foldcell.robots.errors import FailureKind
 from tests import optional_parts
 from tests.builders.contexts import context_with
 from tests.builders.records import run_record, run_status

@@ -7,17 +7,17 @@ import json
 import numpy as np
 import pytest
 
-from cell.config.garments.garment_file import load_garment
-from cell.operator.console.live_view import LiveView
-from cell.operator.console.messages import CommandMessage, EditMessage, PlanChange, read_message
-from cell.operator.console.plan_changes import offered_changes, plan_edit
-from cell.report.camera_pictures.picture_places import on_picture, on_table
-from cell.report.camera_pictures.projected_drawing import SCALE, ProjectedDrawing
-from cell.states.observers import Step
-from cell.states.run_context import Result, RunContext
-from cell.states.transition_table import Effect, Event, State
-from skills.fold_plan.plan import plan_folds
-from skills.vocabulary import GraspId
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.operator.console.live_view import LiveView
+from foldcell.cell.operator.console.messages import CommandMessage, EditMessage, PlanChange, read_message
+from foldcell.cell.operator.console.plan_changes import offered_changes, plan_edit
+from foldcell.cell.report.camera_pictures.picture_places import on_picture, on_table
+from foldcell.cell.report.camera_pictures.projected_drawing import SCALE, ProjectedDrawing
+from foldcell.cell.states.observers import Step
+from foldcell.cell.states.run_context import Result, RunContext
+from foldcell.cell.states.transition_table import Effect, Event, State
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.vocabulary import GraspId
 from tests.builders.contexts import context_with
 from tests.scenes import Scene, camera, render
 

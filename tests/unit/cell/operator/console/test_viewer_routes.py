@@ -13,12 +13,12 @@ from pathlib import Path
 
 import pytest
 
-from cell.operator.console.live_view import LiveView
-from cell.operator.console.server import operators_page
-from cell.operator.console.viewer_routes import growing_file
-from cell.operator.local_server import open_listener
-from cell.states.commands import CommandQueue
-from cell.view.viewing.web_viewer import FILES
+from foldcell.cell.operator.console.live_view import LiveView
+from foldcell.cell.operator.console.server import operators_page
+from foldcell.cell.operator.console.viewer_routes import growing_file
+from foldcell.cell.operator.local_server import open_listener
+from foldcell.cell.states.commands import CommandQueue
+from foldcell.cell.view.viewing.web_viewer import FILES
 from tests.builders.records import run_status
 from tests.fakes import FakeCell
 from tests.scenes import camera
@@ -35,7 +35,7 @@ def recording(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def address(tmp_path: Path, recording: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
-    monkeypatch.setattr("cell.operator.console.server.LAST_WORD_S", 0.0)
+    monkeypatch.setattr("foldcell.cell.operator.console.server.LAST_WORD_S", 0.0)
     for name in FILES:
         (tmp_path / name).write_text(f"content of {name}")
     board = run_status()
@@ -117,7 +117,7 @@ def test_the_view_needs_the_secret(address: str, path: str) -> None:
 
 @pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="needs the table of sockets of Linux")
 def test_nothing_else_listens(tmp_path: Path, recording: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cell.operator.console.server.LAST_WORD_S", 0.0)
+    monkeypatch.setattr("foldcell.cell.operator.console.server.LAST_WORD_S", 0.0)
     before = listening()
     page = operators_page(
         run_status(), LiveView(camera()), CommandQueue(),

@@ -17,13 +17,13 @@ import numpy as np
 import pytest
 
 from benchmarks.operator.chromium import Chromium, Tab
-from cell.config.garments.garment_file import load_garment
-from cell.operator.key_points.editing import KeyPointEdit, template_over
-from cell.operator.key_points.server import edit_key_points
-from cell.operator.local_server import open_listener
-from robots.errors import ConfigurationError
-from skills.garments.garment import Garment
-from skills.garments.picture_measure import PictureMeasure
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.operator.key_points.editing import KeyPointEdit, template_over
+from foldcell.cell.operator.key_points.server import edit_key_points
+from foldcell.cell.operator.local_server import open_listener
+from foldcell.robots.errors import ConfigurationError
+from foldcell.skills.garments.garment import Garment
+from foldcell.skills.garments.picture_measure import PictureMeasure
 from tests import optional_parts
 
 COLUMNS, ROWS, METRE = 640, 480, 300.0

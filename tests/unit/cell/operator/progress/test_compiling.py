@@ -11,14 +11,14 @@ from pathlib import Path
 import numba
 import pytest
 
-from cell.operator.progress import compiling
-from cell.operator.progress.compiling import PARTS, WAITS, report_compilation
-from skills.compiled import WAITING
+from foldcell.cell.operator.progress import compiling
+from foldcell.cell.operator.progress.compiling import PARTS, WAITS, report_compilation
+from foldcell.skills.compiled import WAITING
 
 USE = """
 import numpy as np
-from cell.operator.progress.compiling import report_compilation
-from skills.motion.kinematics.ik import _pose_error
+from foldcell.cell.operator.progress.compiling import report_compilation
+from foldcell.skills.motion.kinematics.ik import _pose_error
 with report_compilation(print):
     _pose_error(np.eye(3), np.zeros(3), np.eye(3), np.zeros(3), np.zeros(6))
 """
@@ -39,13 +39,13 @@ def test_each_compiled_part_is_announced_once() -> None:
     with report_compilation(told.append):
         for module in (
             "numpy.linalg",
-            "skills.motion.kinematics.ik",
-            "skills.cloth.kernel",
-            "skills.cloth.clusters",
+            "foldcell.skills.motion.kinematics.ik",
+            "foldcell.skills.cloth.kernel",
+            "foldcell.skills.cloth.clusters",
         ):
             compiled(module)
-    assert told == [PARTS["skills.motion"], PARTS["skills.cloth"]]
-    compiled("skills.cloth.kernel")
+    assert told == [PARTS["foldcell.skills.motion"], PARTS["foldcell.skills.cloth"]]
+    compiled("foldcell.skills.cloth.kernel")
     assert len(told) == 2, "outside nothing is told"
 
 
@@ -69,10 +69,10 @@ def test_a_long_compilation_is_reported_again_and_again_until_it_ends(monkeypatc
     def entry(x):
         return same(x)
 
-    entry.__module__ = "skills.cloth.kernel"
+    entry.__module__ = "foldcell.skills.cloth.kernel"
     with report_compilation(say):
         numba.njit(entry)(1)
-    assert told[0] == PARTS["skills.cloth"]
+    assert told[0] == PARTS["foldcell.skills.cloth"]
     assert all(text.startswith("still compiling, ") and text.endswith(" s so far") for text in told[1:])
     assert len(told) >= 3
 
@@ -80,7 +80,11 @@ def test_a_long_compilation_is_reported_again_and_again_until_it_ends(monkeypatc
 def test_waiting_for_another_process_is_announced_once() -> None:
     told: list[str] = []
     with report_compilation(told.append):
-        for module in ("skills.perception.registration.energy", "skills.cloth.kernel", "skills.cloth.kernel"):
+        for module in (
+            "foldcell.skills.perception.registration.energy",
+            "foldcell.skills.cloth.kernel",
+            "foldcell.skills.cloth.kernel",
+        ):
             with numba.core.event.trigger_event(WAITING, {"module": module}):
                 pass
     assert told == [WAITS]
@@ -94,4 +98,4 @@ def test_cached_code_is_not_announced(tmp_path: Path) -> None:
         ).stdout
         for _ in range(2)
     )
-    assert cold == PARTS["skills.motion"] + "\n" and warm == ""
+    assert cold == PARTS["foldcell.skills.motion"] + "\n" and warm == ""

@@ -6,9 +6,9 @@ import io
 
 import pytest
 
-from cell.operator.console.run_status import RunStatus
-from cell.operator.progress.lines import ProgressLines
-from cell.operator.progress.notifier import Notifier
+from foldcell.cell.operator.console.run_status import RunStatus
+from foldcell.cell.operator.progress.lines import ProgressLines
+from foldcell.cell.operator.progress.notifier import Notifier
 from tests.builders.records import run_status
 
 

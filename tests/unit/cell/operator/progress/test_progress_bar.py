@@ -7,7 +7,7 @@ import re
 
 import pytest
 
-from cell.operator.progress.bar import EVERY_S, ProgressBar
+from foldcell.cell.operator.progress.bar import EVERY_S, ProgressBar
 
 
 class Terminal(io.StringIO):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cell.report.camera_pictures.projected_drawing import ProjectedDrawing
+from foldcell.cell.report.camera_pictures.projected_drawing import ProjectedDrawing
 from tests.scenes import Scene, camera, render
 
 RED = (255, 0, 0)

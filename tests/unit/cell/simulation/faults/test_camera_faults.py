@@ -7,15 +7,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cell.simulation.camera.camera import SimulatedCamera
-from cell.simulation.camera.render_server import Picture, Shot
-from cell.simulation.camera.slabs import hand_over, square_cloth, with_slabs
-from cell.simulation.faults import Fault, FaultBoard, FaultKind
-from cell.simulation.faults.camera_faults import CameraFaults, holes
-from cell.simulation.noise import load_noise
-from robots.baxter.camera_mount import MOUNT
-from robots.errors import DriverError
-from robots.ports import CameraFrame
+from foldcell.cell.simulation.camera.camera import SimulatedCamera
+from foldcell.cell.simulation.camera.render_server import Picture, Shot
+from foldcell.cell.simulation.camera.slabs import hand_over, square_cloth, with_slabs
+from foldcell.cell.simulation.faults import Fault, FaultBoard, FaultKind
+from foldcell.cell.simulation.faults.camera_faults import CameraFaults, holes
+from foldcell.cell.simulation.noise import load_noise
+from foldcell.robots.baxter.camera_mount import MOUNT
+from foldcell.robots.errors import DriverError
+from foldcell.robots.ports import CameraFrame
 
 K = FaultKind
 STILL = 8

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from cell.simulation.faults import Fault, FaultBoard, FaultKind
-from robots.errors import ConfigurationError
-from robots.ports import Side
+from foldcell.cell.simulation.faults import Fault, FaultBoard, FaultKind
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.ports import Side
 
 
 def test_a_fault_waits_for_side_grasp_and_time_and_happens_once() -> None:

@@ -9,9 +9,9 @@ from typing import TypeVar
 import numpy as np
 import pytest
 
-from cell.simulation.faults import Fault, FaultBoard, FaultKind
-from cell.simulation.faults.port_faults import PortFaults
-from robots.ports import GripperState, JointState, Side, TactileReading
+from foldcell.cell.simulation.faults import Fault, FaultBoard, FaultKind
+from foldcell.cell.simulation.faults.port_faults import PortFaults
+from foldcell.robots.ports import GripperState, JointState, Side, TactileReading
 
 K = FaultKind
 T = TypeVar("T")

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.simulation import Fault, FaultKind, SimulationSettings
-from robots.errors import DriverError, FailureKind
-from robots.ports import Array, Side, arm_slice
+from foldcell.cell.simulation import Fault, FaultKind, SimulationSettings
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.ports import Array, Side, arm_slice
 from tests.simulated_bench import BLIND, DT, QUIET, Bench, corner
 
 K = FaultKind

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-import cell
-from cell.support.files.html_page import PLACE, read_page
+from foldcell import cell
+from foldcell.cell.support.files.html_page import PLACE, read_page
 
 PAGES = [page for page in Path(cell.__path__[0]).rglob("*.html") if "var(--" in page.read_text(encoding="utf-8")]
 COMPLETE = [page for page in PAGES if "{% extends" not in page.read_text(encoding="utf-8")]

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from cell.support.files import paths
-from cell.support.files.paths import logs_directory, prepare_logs, repository_root
-from robots.errors import StorageError
+from foldcell.cell.support.files import paths
+from foldcell.cell.support.files.paths import logs_directory, prepare_logs, repository_root
+from foldcell.robots.errors import StorageError
 
 
 def test_the_option_wins_over_the_environment(tmp_path: Path) -> None:
@@ -25,7 +25,7 @@ def test_a_checkout_keeps_its_logs_in_its_own_folder() -> None:
 
 
 def test_an_installed_package_uses_the_users_data_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    installed = tmp_path / "site-packages" / "cell" / "support" / "files" / "paths.py"
+    installed = tmp_path / "site-packages" / "foldcell" / "cell" / "support" / "files" / "paths.py"
     monkeypatch.setattr(paths, "__file__", str(installed))
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     assert repository_root() is None

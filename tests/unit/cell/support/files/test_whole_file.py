@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from cell.support.files.whole_file import PROBE_BYTES, refuse_unwritable, write_whole
-from robots.errors import StorageError
+from foldcell.cell.support.files.whole_file import PROBE_BYTES, refuse_unwritable, write_whole
+from foldcell.robots.errors import StorageError
 
 
 def test_an_error_after_the_rename_is_raised_unchanged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,9 +12,9 @@ from time import sleep
 
 import pytest
 
-from cell.support.process.interrupts import taking_signals
-from cell.support.process.terminations import Terminated
-from skills.compiled import _on_a_thread
+from foldcell.cell.support.process.interrupts import taking_signals
+from foldcell.cell.support.process.terminations import Terminated
+from foldcell.skills.compiled import _on_a_thread
 from tests.fakes import FakeCell
 
 ALL = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGCONT)

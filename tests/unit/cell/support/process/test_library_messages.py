@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 import pytest
 
-from cell.support.files.picture_file import read_picture
-from cell.support.process.library_messages import QUIET, captured_messages, quiet_libraries
-from robots.errors import ConfigurationError
+from foldcell.cell.support.files.picture_file import read_picture
+from foldcell.cell.support.process.library_messages import QUIET, captured_messages, quiet_libraries
+from foldcell.robots.errors import ConfigurationError
 
 SILENT = {name: value for name, value in os.environ.items() if name not in QUIET}
 
@@ -42,7 +42,7 @@ def test_a_command_with_a_damaged_picture_writes_only_its_own_message(
     path.write_bytes(damaged(kind))
     more = ["--like", "small_towel"] if command == "garment new" else []
     run = subprocess.run(
-        [sys.executable, "-m", "cell.commands.main", *command.split(), str(path), "--unit", "m", *more],
+        [sys.executable, "-m", "foldcell.cell.commands.main", *command.split(), str(path), "--unit", "m", *more],
         capture_output=True, text=True, env=SILENT, check=False,
     )  # fmt: skip
     assert run.returncode == 64 and run.stdout == ""
@@ -65,7 +65,7 @@ def test_a_damaged_picture_is_refused_without_a_message_of_its_codec(
 
 LOUD = """
 import argparse, socket, sys, time, warnings
-from cell.commands.exit_codes import framed
+from foldcell.cell.commands.exit_codes import framed
 
 def run(options):
     import cv2, numpy as np, rerun as rr
@@ -117,7 +117,7 @@ def test_messages_of_c_libraries_are_kept_back_and_then_written_again(capfd: pyt
 def test_a_closed_standard_error_keeps_nothing_back() -> None:
     code = (
         "import os; os.close(2)\n"
-        "from cell.support.process.library_messages import captured_messages\n"
+        "from foldcell.cell.support.process.library_messages import captured_messages\n"
         "with captured_messages() as messages: print(repr(messages()))"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

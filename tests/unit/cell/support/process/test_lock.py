@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from cell.support.process.lock import CellBusyError, OwnerLock, is_held
-from robots.errors import ConfigurationError, StorageError
+from foldcell.cell.support.process.lock import CellBusyError, OwnerLock, is_held
+from foldcell.robots.errors import ConfigurationError, StorageError
 
 OWNER = """
 import sys, time
 from pathlib import Path
-from cell.support.process.lock import OwnerLock
+from foldcell.cell.support.process.lock import OwnerLock
 OwnerLock(Path(sys.argv[1])).acquire()
 print("held", flush=True)
 time.sleep(60)
@@ -24,7 +24,7 @@ time.sleep(60)
 OWNER_WITH_CHILD = """
 import os, sys, time
 from pathlib import Path
-from cell.support.process.lock import OwnerLock
+from foldcell.cell.support.process.lock import OwnerLock
 lock = OwnerLock(Path(sys.argv[1])).acquire()
 if os.fork() == 0:
     print(os.getpid(), flush=True)

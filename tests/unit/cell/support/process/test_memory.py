@@ -8,7 +8,7 @@ import sys
 GROW = """
 from pathlib import Path
 from threading import Thread
-from cell.support.process.memory import return_free_memory
+from foldcell.cell.support.process.memory import return_free_memory
 
 def resident():
     return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 2**20

@@ -13,15 +13,15 @@ from pathlib import Path
 
 import pytest
 
-from cell.support.process import workers
-from cell.support.process.terminations import BY_SIGNAL
-from cell.support.process.workers import worker_pool
+from foldcell.cell.support.process import workers
+from foldcell.cell.support.process.terminations import BY_SIGNAL
+from foldcell.cell.support.process.workers import worker_pool
 
 MAKER = """
 import sys, time
 from pathlib import Path
-from cell.support.process.terminations import Terminated, unwinding
-from cell.support.process.workers import worker_pool
+from foldcell.cell.support.process.terminations import Terminated, unwinding
+from foldcell.cell.support.process.workers import worker_pool
 
 if __name__ == "__main__":
     with unwinding():
@@ -102,8 +102,8 @@ def test_queued_tasks_are_not_done_after_an_interruption(tmp_path: Path, each: i
 
 COMPILING = """
 import time
-from cell.support.process.interrupts import taking_signals
-from skills.compiled import _on_a_thread
+from foldcell.cell.support.process.interrupts import taking_signals
+from foldcell.skills.compiled import _on_a_thread
 from tests.fakes import FakeCell
 
 def compile_now(signature):

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from cell.view.viewing import web_viewer
-from cell.view.viewing.viewer import silent_environment
-from cell.view.viewing.web_viewer import FILES, web_viewer_files
-from robots.errors import StorageError
+from foldcell.cell.view.viewing import web_viewer
+from foldcell.cell.view.viewing.viewer import silent_environment
+from foldcell.cell.view.viewing.web_viewer import FILES, web_viewer_files
+from foldcell.robots.errors import StorageError
 
 
 def test_the_files_are_unpacked_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from robots.model import JointLimits
-from robots.ports import Array
-from robots.setpoint import clip_setpoint
+from foldcell.robots.model import JointLimits
+from foldcell.robots.ports import Array
+from foldcell.robots.setpoint import clip_setpoint
 
 UPPER = np.linspace(0.5, 3.0, 14)
 VELOCITY = np.linspace(1.0, 4.0, 14)

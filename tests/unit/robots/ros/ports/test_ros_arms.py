@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from puppet import ENABLE, JOINTS, LIMB, NAMES, STATE, STOP, Connect, HandClock, Puppet, wait
 
-from robots.baxter.names import JOINT_NAMES
-from robots.baxter.ros.messages import POSITION, RAW_POSITION
-from robots.baxter.ros.ports import arms as arms_module
-from robots.baxter.ros.ports.arms import RosArms
-from robots.baxter.ros.ports.stop import RosStop
-from robots.errors import DriverError, FailureKind
-from robots.model import JointLimits
-from robots.ports import Array, Ports, Side, arm_slice
-from robots.ros.node import Node
-from robots.setpoint import JUMP_TIME
+from foldcell.robots.baxter.names import JOINT_NAMES
+from foldcell.robots.baxter.ros.messages import POSITION, RAW_POSITION
+from foldcell.robots.baxter.ros.ports import arms as arms_module
+from foldcell.robots.baxter.ros.ports.arms import RosArms
+from foldcell.robots.baxter.ros.ports.stop import RosStop
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.model import JointLimits
+from foldcell.robots.ports import Array, Ports, Side, arm_slice
+from foldcell.robots.ros.node import Node
+from foldcell.robots.setpoint import JUMP_TIME
 
 pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # a warning of rospy
 ZERO = np.zeros(14)

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from puppet import CAMERA, HandClock, Puppet, wait
 
-from cell.executive.effects.seeing import PICTURE_AGE
-from robots.baxter.ros.messages import load_messages
-from robots.baxter.ros.ports import camera as camera_module
-from robots.baxter.ros.ports.camera import RosCamera, read_colour, read_depth, read_intrinsics
-from robots.errors import DriverError, FailureKind
-from robots.ports import CameraFrame
-from robots.ros.driver import CameraTopics
-from robots.ros.installation import find_ros
-from robots.ros.node import Node
+from foldcell.cell.executive.effects.seeing import PICTURE_AGE
+from foldcell.robots.baxter.ros.messages import load_messages
+from foldcell.robots.baxter.ros.ports import camera as camera_module
+from foldcell.robots.baxter.ros.ports.camera import RosCamera, read_colour, read_depth, read_intrinsics
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.ports import CameraFrame
+from foldcell.robots.ros.driver import CameraTopics
+from foldcell.robots.ros.installation import find_ros
+from foldcell.robots.ros.node import Node
 from tests.optional_parts import ROS
 
 pytestmark = [

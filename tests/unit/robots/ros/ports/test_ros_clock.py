@@ -9,12 +9,12 @@ from collections.abc import Iterator
 import pytest
 from puppet import Puppet, wait
 
-from robots.baxter.ros.messages import load_messages
-from robots.baxter.ros.ports import clock as clock_module
-from robots.baxter.ros.ports.clock import TopicClock, WallClock, cell_clock
-from robots.errors import DriverError, FailureKind
-from robots.ros.installation import import_ros
-from robots.ros.node import Node
+from foldcell.robots.baxter.ros.messages import load_messages
+from foldcell.robots.baxter.ros.ports import clock as clock_module
+from foldcell.robots.baxter.ros.ports.clock import TopicClock, WallClock, cell_clock
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.ros.installation import import_ros
+from foldcell.robots.ros.node import Node
 
 pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # a warning of rospy
 

@@ -9,10 +9,10 @@ from collections.abc import Iterator
 import pytest
 from puppet import Connect, Hand, HandClock, Puppet, wait
 
-from robots.baxter.ros.ports.gripper import RosGripper
-from robots.errors import DriverError, FailureKind
-from robots.ports import Side
-from robots.ros.node import Node
+from foldcell.robots.baxter.ros.ports.gripper import RosGripper
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.ports import Side
+from foldcell.robots.ros.node import Node
 
 pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # a warning of rospy
 FULL = 0.0416

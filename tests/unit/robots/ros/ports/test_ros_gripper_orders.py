@@ -13,11 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from wire import Wire
 
-from robots.baxter.ros.electric_gripper import FULL_FORCE, FULL_OPENING
-from robots.baxter.ros.messages import load_messages
-from robots.baxter.ros.ports.gripper import RosGripper
-from robots.errors import DriverError, FailureKind
-from robots.ports import Side
+from foldcell.robots.baxter.ros.electric_gripper import FULL_FORCE, FULL_OPENING
+from foldcell.robots.baxter.ros.messages import load_messages
+from foldcell.robots.baxter.ros.ports.gripper import RosGripper
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.ports import Side
 from tests.optional_parts import ROS
 
 pytestmark = ROS.required

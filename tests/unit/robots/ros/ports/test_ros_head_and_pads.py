@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from puppet import HEAD, PADS, HandClock, Puppet, pads, wait
 
-from robots.baxter.ros.ports.tactile import RosTactile
-from robots.ports import Ports, Side
-from robots.ros.node import Node
+from foldcell.robots.baxter.ros.ports.tactile import RosTactile
+from foldcell.robots.ports import Ports, Side
+from foldcell.robots.ros.node import Node
 
 pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # a warning of rospy
 LEFT = Side.LEFT

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from wire import Wire
 
-from robots.baxter.ros.ports.head import RosHead
-from robots.errors import DriverError, FailureKind
-from robots.ports import JointState
+from foldcell.robots.baxter.ros.ports.head import RosHead
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.ports import JointState
 from tests.optional_parts import ROS
 
 pytestmark = ROS.required

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from puppet import ENABLE, LIMB, RESET, STATE, STOP, Connect, Puppet, wait
 
-from robots.baxter.ros.ports import stop as stop_module
-from robots.baxter.ros.ports.clock import WallClock
-from robots.baxter.ros.ports.stop import RosStop
-from robots.errors import DriverError, FailureKind
-from robots.ports import Ports, Side
-from robots.ros.node import Node
+from foldcell.robots.baxter.ros.ports import stop as stop_module
+from foldcell.robots.baxter.ros.ports.clock import WallClock
+from foldcell.robots.baxter.ros.ports.stop import RosStop
+from foldcell.robots.errors import DriverError, FailureKind
+from foldcell.robots.ports import Ports, Side
+from foldcell.robots.ros.node import Node
 
 pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # a warning of rospy
 ZERO = np.zeros(14)

@@ -4,12 +4,12 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from skills.cloth.broad_phase.cluster_bounds import fit_clusters
-from skills.cloth.clusters import LEAF, _of_few_corners
-from skills.cloth.mesh import mesh_from_contour
-from skills.cloth.simd.f32x16 import LANES
-from skills.cloth.state import new_pairs, new_state
-from skills.cloth.topology import topology_of
+from foldcell.skills.cloth.broad_phase.cluster_bounds import fit_clusters
+from foldcell.skills.cloth.clusters import LEAF, _of_few_corners
+from foldcell.skills.cloth.mesh import mesh_from_contour
+from foldcell.skills.cloth.simd.f32x16 import LANES
+from foldcell.skills.cloth.state import new_pairs, new_state
+from foldcell.skills.cloth.topology import topology_of
 from tests.builders.cloth import EVERY_EDGE, call
 
 NOTCHED = np.array([[0.0, 0.0], [0.3, 0.0], [0.3, 0.25], [0.16, 0.25], [0.15, 0.06], [0.14, 0.25], [0.0, 0.25]])

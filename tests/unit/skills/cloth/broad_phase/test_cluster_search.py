@@ -4,20 +4,20 @@ import numpy as np
 import pytest
 
 from benchmarks.cloth.scenes import stacked
-from skills.cloth import kernel, solver
-from skills.cloth.broad_phase.cluster_bounds import fit_clusters, fit_ridges
-from skills.cloth.broad_phase.cluster_search import search_pairs
-from skills.cloth.broad_phase.pairs import HORIZON as PHASES_FORESEEN
-from skills.cloth.broad_phase.pairs import _expire
-from skills.cloth.clusters import build_clusters
-from skills.cloth.contact.contacts import PHASE, RELEASE, edge_distance
-from skills.cloth.elasticity import turns
-from skills.cloth.mesh import mesh_from_contour
-from skills.cloth.settings import SolverSettings
-from skills.cloth.simd.f32x16 import LANES
-from skills.cloth.solver import ClothSimulation
-from skills.cloth.state import EE, SUBSTEP, VT, new_pairs
-from skills.vocabulary import Material
+from foldcell.skills.cloth import kernel, solver
+from foldcell.skills.cloth.broad_phase.cluster_bounds import fit_clusters, fit_ridges
+from foldcell.skills.cloth.broad_phase.cluster_search import search_pairs
+from foldcell.skills.cloth.broad_phase.pairs import HORIZON as PHASES_FORESEEN
+from foldcell.skills.cloth.broad_phase.pairs import _expire
+from foldcell.skills.cloth.clusters import build_clusters
+from foldcell.skills.cloth.contact.contacts import PHASE, RELEASE, edge_distance
+from foldcell.skills.cloth.elasticity import turns
+from foldcell.skills.cloth.mesh import mesh_from_contour
+from foldcell.skills.cloth.settings import SolverSettings
+from foldcell.skills.cloth.simd.f32x16 import LANES
+from foldcell.skills.cloth.solver import ClothSimulation
+from foldcell.skills.cloth.state import EE, SUBSTEP, VT, new_pairs
+from foldcell.skills.vocabulary import Material
 from tests.builders.cloth import EVERY_EDGE, call
 
 THICK, SLACK, HORIZON = 0.003, 0.001, 0.02

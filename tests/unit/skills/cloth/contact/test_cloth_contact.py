@@ -7,15 +7,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.cloth.scenes import stacked
-from robots.errors import InternalError
-from skills.cloth import state
-from skills.cloth.intersections.crossings import count_crossings
-from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.cloth.predict import predict_fold
-from skills.cloth.settings import SolverSettings
-from skills.cloth.simd.f32x16 import LANES
-from skills.cloth.solver import ClothSimulation
-from skills.vocabulary import GraspId, Material, ToolPath
+from foldcell.robots.errors import InternalError
+from foldcell.skills.cloth import state
+from foldcell.skills.cloth.intersections.crossings import count_crossings
+from foldcell.skills.cloth.mesh import ClothMesh, mesh_from_contour
+from foldcell.skills.cloth.predict import predict_fold
+from foldcell.skills.cloth.settings import SolverSettings
+from foldcell.skills.cloth.simd.f32x16 import LANES
+from foldcell.skills.cloth.solver import ClothSimulation
+from foldcell.skills.vocabulary import GraspId, Material, ToolPath
 from tests.builders.cloth import COTTON as MATERIAL
 
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from benchmarks.cloth.scenes import stacked
-from skills.cloth.mesh import mesh_from_contour
-from skills.cloth.settings import SolverSettings
-from skills.cloth.solver import ClothSimulation
+from foldcell.skills.cloth.mesh import mesh_from_contour
+from foldcell.skills.cloth.settings import SolverSettings
+from foldcell.skills.cloth.solver import ClothSimulation
 from tests.builders.cloth import COTTON as MATERIAL
 from tests.builders.cloth import turned as rotated
 

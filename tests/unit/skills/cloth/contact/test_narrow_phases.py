@@ -5,7 +5,7 @@ import hypothesis.strategies as st
 import pytest
 from hypothesis import given
 
-from skills.cloth.contact.contacts import (
+from foldcell.skills.cloth.contact.contacts import (
     HASTE_WAY,
     LEISURE_WAY,
     PHASES,

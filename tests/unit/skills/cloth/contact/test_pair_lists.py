@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from skills.cloth.broad_phase.pairs import _have_room, _renew
-from skills.cloth.clusters import build_clusters
-from skills.cloth.contact.contacts import PARKED
-from skills.cloth.mesh import mesh_from_contour
-from skills.cloth.state import new_pairs
+from foldcell.skills.cloth.broad_phase.pairs import _have_room, _renew
+from foldcell.skills.cloth.clusters import build_clusters
+from foldcell.skills.cloth.contact.contacts import PARKED
+from foldcell.skills.cloth.mesh import mesh_from_contour
+from foldcell.skills.cloth.state import new_pairs
 from tests.builders.cloth import call
 
 SHEET = mesh_from_contour(np.array([[-0.15, -0.1], [0.15, -0.1], [0.15, 0.1], [-0.15, 0.1]]), 0.026)

@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skills.cloth.broad_phase.cluster_bounds import fit_clusters
-from skills.cloth.clusters import build_clusters
-from skills.cloth.contact.contacts import edge_distance
-from skills.cloth.contact.ridges import flat_cosine, note_ridges, stay_ridges
-from skills.cloth.mesh import mesh_from_contour
-from skills.cloth.state import new_pairs
+from foldcell.skills.cloth.broad_phase.cluster_bounds import fit_clusters
+from foldcell.skills.cloth.clusters import build_clusters
+from foldcell.skills.cloth.contact.contacts import edge_distance
+from foldcell.skills.cloth.contact.ridges import flat_cosine, note_ridges, stay_ridges
+from foldcell.skills.cloth.mesh import mesh_from_contour
+from foldcell.skills.cloth.state import new_pairs
 from tests.builders.cloth import EVERY_EDGE, call
 
 SQUARE = np.array([[-0.15, -0.12], [0.15, -0.12], [0.15, 0.12], [-0.15, 0.12]])

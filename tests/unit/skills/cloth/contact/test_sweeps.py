@@ -8,8 +8,8 @@ from scipy.optimize import nnls
 from scipy.sparse import coo_array
 from scipy.spatial.transform import Rotation
 
-from skills.cloth.contact.contact_order import PARTS, group_contacts, take_turns
-from skills.cloth.contact.contacts import (
+from foldcell.skills.cloth.contact.contact_order import PARTS, group_contacts, take_turns
+from foldcell.skills.cloth.contact.contacts import (
     APART,
     BORNE,
     MEMORY,
@@ -22,8 +22,8 @@ from skills.cloth.contact.contacts import (
     release_overlaps,
     solve_contacts,
 )
-from skills.cloth.simd.f64x8 import EIGHT, blocks, coordinates, gather, load_f64x8, store_f64x8
-from skills.cloth.simd.vec3 import rows
+from foldcell.skills.cloth.simd.f64x8 import EIGHT, blocks, coordinates, gather, load_f64x8, store_f64x8
+from foldcell.skills.cloth.simd.vec3 import rows
 from tests.builders.cloth import call
 
 THICK = 0.003

@@ -4,10 +4,10 @@ contact."""
 import numpy as np
 import pytest
 
-from skills.cloth.contact.contacts import RELEASE
-from skills.cloth.contact.vertex_triangle import narrow_vertex_triangle
-from skills.cloth.simd.vec3 import rows
-from skills.cloth.state import new_pairs
+from foldcell.skills.cloth.contact.contacts import RELEASE
+from foldcell.skills.cloth.contact.vertex_triangle import narrow_vertex_triangle
+from foldcell.skills.cloth.simd.vec3 import rows
+from foldcell.skills.cloth.state import new_pairs
 from tests.builders.cloth import call
 
 THICK = 0.003

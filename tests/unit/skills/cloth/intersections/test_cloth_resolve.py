@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from benchmarks.cloth.scenes import stacked
-from skills.cloth.intersections.crossings import count_crossings, crosses, find_crossings
-from skills.cloth.intersections.resolve import FAINT, GLANCE, PATIENCE, shorten
-from skills.cloth.mesh import mesh_from_contour
-from skills.cloth.settings import SolverSettings
-from skills.cloth.solver import ClothSimulation
-from skills.vocabulary import Material
+from foldcell.skills.cloth.intersections.crossings import count_crossings, crosses, find_crossings
+from foldcell.skills.cloth.intersections.resolve import FAINT, GLANCE, PATIENCE, shorten
+from foldcell.skills.cloth.mesh import mesh_from_contour
+from foldcell.skills.cloth.settings import SolverSettings
+from foldcell.skills.cloth.solver import ClothSimulation
+from foldcell.skills.vocabulary import Material
 from tests.builders.cloth import call
 from tests.builders.cloth import turned as rotated
 

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from numba import njit
 from numba.core.errors import TypingError
 
-from skills.cloth.contact.corners import common_corner
-from skills.cloth.simd.f32x16 import (
+from foldcell.skills.cloth.contact.corners import common_corner
+from foldcell.skills.cloth.simd.f32x16 import (
     LANES,
     expect_columns,
     expect_rows,
@@ -23,7 +23,7 @@ from skills.cloth.simd.f32x16 import (
     vsqrt,
     where,
 )
-from skills.cloth.simd.i32x16 import (
+from foldcell.skills.cloth.simd.i32x16 import (
     compress,
     iota,
     load_i32x16,
@@ -36,7 +36,7 @@ from skills.cloth.simd.i32x16 import (
     vmax_i32x16,
     vmin_i32x16,
 )
-from skills.cloth.simd.vec3 import load, rows, store_singles
+from foldcell.skills.cloth.simd.vec3 import load, rows, store_singles
 from tests.builders.cloth import call
 
 OPERATIONS = {  # of two registers, and of two arrays

@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skills.perception.inspection.claim import Claim, claim_to_dict
-from skills.perception.inspection.claiming import (
+from foldcell.skills.perception.inspection.claim import Claim, claim_to_dict
+from foldcell.skills.perception.inspection.claiming import (
     SURE,
     Displacement,
     Layers,
@@ -21,10 +21,10 @@ from skills.perception.inspection.claiming import (
     claim_fold,
     displacement_of,
 )
-from skills.perception.inspection.height_expectation import CameraBias, IdealHeights, Normal
-from skills.perception.inspection.target_view import StackHeights, TargetView
-from skills.plane import rotation
-from skills.vocabulary import FailureKind
+from foldcell.skills.perception.inspection.height_expectation import CameraBias, IdealHeights, Normal
+from foldcell.skills.perception.inspection.target_view import StackHeights, TargetView
+from foldcell.skills.plane import rotation
+from foldcell.skills.vocabulary import FailureKind
 from tests.builders.shipped_settings import INSPECTION
 from tests.inspections import inspection
 

@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from robots.errors import FailureKind
-from skills.perception.inspection.diagnosis import (
+from foldcell.robots.errors import FailureKind
+from foldcell.skills.perception.inspection.diagnosis import (
     EDGE_CORNER,
     EDGE_SAG,
     LASTING_DEVIATION,
@@ -19,9 +19,9 @@ from skills.perception.inspection.diagnosis import (
     diagnosed_by_height,
     lasting_defect,
 )
-from skills.perception.inspection.moved_edge import MovedEdge
-from skills.perception.inspection.result import MAX_PILED_AREA
-from skills.vocabulary import FoldLine, FoldStep, GraspId
+from foldcell.skills.perception.inspection.moved_edge import MovedEdge
+from foldcell.skills.perception.inspection.result import MAX_PILED_AREA
+from foldcell.skills.vocabulary import FoldLine, FoldStep, GraspId
 from tests.builders.shipped_settings import INSPECTION
 from tests.inspections import inspection
 

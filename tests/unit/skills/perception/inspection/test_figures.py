@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skills.fold_plan.plan import RELEASE_CLEARANCE
-from skills.perception.inspection.diagnosis import MAX_MISSING
-from skills.perception.inspection.figures import (
+from foldcell.skills.fold_plan.plan import RELEASE_CLEARANCE
+from foldcell.skills.perception.inspection.diagnosis import MAX_MISSING
+from foldcell.skills.perception.inspection.figures import (
     MIN_LAYER_HEIGHT,
     extra_height,
     judged_area,
@@ -17,10 +17,10 @@ from skills.perception.inspection.figures import (
     piled_area,
     upper_height,
 )
-from skills.perception.inspection.result import FOLD_MARGIN
-from skills.perception.rectification.table_view import TableView
-from skills.plane import rotation
-from skills.vocabulary import Array, FoldLine, FoldStep, Grasp, GraspId
+from foldcell.skills.perception.inspection.result import FOLD_MARGIN
+from foldcell.skills.perception.rectification.table_view import TableView
+from foldcell.skills.plane import rotation
+from foldcell.skills.vocabulary import Array, FoldLine, FoldStep, Grasp, GraspId
 from tests.inspections import on_table
 from tests.scenes import TABLE, camera
 

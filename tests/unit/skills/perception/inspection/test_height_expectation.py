@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skills.perception.inspection.height_expectation import (
+from foldcell.skills.perception.inspection.height_expectation import (
     IdealHeights,
     Normal,
     estimate_bending,
@@ -20,7 +20,7 @@ from skills.perception.inspection.height_expectation import (
     rising,
     scaled_ideal_heights,
 )
-from skills.perception.inspection.target_view import StackHeights
+from foldcell.skills.perception.inspection.target_view import StackHeights
 from tests.builders.shipped_settings import INSPECTION
 
 S = INSPECTION.claim

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from skills.perception.inspection.high_places import EDGE, HighPlaces, find_high_places
-from skills.perception.rectification.table_view import TableView
-from skills.vocabulary import PredictedShape
+from foldcell.skills.perception.inspection.high_places import EDGE, HighPlaces, find_high_places
+from foldcell.skills.perception.rectification.table_view import TableView
+from foldcell.skills.vocabulary import PredictedShape
 from tests.inspections import on_table
 from tests.scenes import TABLE, camera
 

@@ -4,13 +4,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from robots.errors import FailureKind
-from skills.perception.inspection.diagnosis import beyond_limits, diagnose
-from skills.perception.inspection.figures import left_behind
-from skills.perception.inspection.moved_edge import MovedEdge
-from skills.perception.inspection.predicted_view import draw_shape
-from skills.perception.rectification.table_view import TableView
-from skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId, PredictedShape
+from foldcell.robots.errors import FailureKind
+from foldcell.skills.perception.inspection.diagnosis import beyond_limits, diagnose
+from foldcell.skills.perception.inspection.figures import left_behind
+from foldcell.skills.perception.inspection.moved_edge import MovedEdge
+from foldcell.skills.perception.inspection.predicted_view import draw_shape
+from foldcell.skills.perception.rectification.table_view import TableView
+from foldcell.skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId, PredictedShape
 from tests.builders.shipped_settings import INSPECTION, inspect
 from tests.inspections import grid_triangles, on_table
 from tests.scenes import TABLE, Scene, camera, empty, place, render

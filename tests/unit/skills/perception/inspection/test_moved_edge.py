@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from robots.errors import FailureKind
-from skills.perception.inspection.diagnosis import EDGE_CORNER, EDGE_SAG
-from skills.perception.inspection.moved_edge import MovedEdge, moved_edge
-from skills.perception.rectification.table_view import TableView
-from skills.plane import rotation
-from skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId, PredictedShape
+from foldcell.robots.errors import FailureKind
+from foldcell.skills.perception.inspection.diagnosis import EDGE_CORNER, EDGE_SAG
+from foldcell.skills.perception.inspection.moved_edge import MovedEdge, moved_edge
+from foldcell.skills.perception.rectification.table_view import TableView
+from foldcell.skills.plane import rotation
+from foldcell.skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId, PredictedShape
 from tests.builders.shipped_settings import inspect
 from tests.inspections import grid_triangles, on_table
 from tests.scenes import TABLE, Scene, camera, empty, place, render

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skills.perception.inspection.inspect import averaged_height
+from foldcell.skills.perception.inspection.inspect import averaged_height
 from tests.inspections import inspection
 
 MASK = np.zeros((80, 100), bool)

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skills.perception.inspection.predicted_view import draw_shape, outline_of
-from skills.perception.inspection.target_view import FoldTarget, stack_heights, view_target
-from skills.perception.rectification.table_view import TableView
-from skills.vocabulary import PredictedShape
+from foldcell.skills.perception.inspection.predicted_view import draw_shape, outline_of
+from foldcell.skills.perception.inspection.target_view import FoldTarget, stack_heights, view_target
+from foldcell.skills.perception.rectification.table_view import TableView
+from foldcell.skills.vocabulary import PredictedShape
 from tests.inspections import grid_triangles
 from tests.scenes import TABLE, camera, place
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robots.ports import Array
-from skills.perception.monitoring.flat_placement import convex_corners, place_outline
-from skills.perception.outline import resample_closed
+from foldcell.robots.ports import Array
+from foldcell.skills.perception.monitoring.flat_placement import convex_corners, place_outline
+from foldcell.skills.perception.outline import resample_closed
 from tests.scenes import place
 
 TOWEL = np.array([[0.40, -0.30], [0.80, -0.30], [0.80, 0.30], [0.40, 0.30]])

@@ -7,9 +7,9 @@ import functools
 import numpy as np
 import pytest
 
-from robots.errors import FailureKind
-from skills.perception.monitoring.garment_motion import displaced_boundary, measure_motion
-from skills.perception.views import open_views
+from foldcell.robots.errors import FailureKind
+from foldcell.skills.perception.monitoring.garment_motion import displaced_boundary, measure_motion
+from foldcell.skills.perception.views import open_views
 from tests.builders.shipped_settings import PERCEPTION
 from tests.scenes import TABLE, TOWEL, Scene, camera, empty, place, render, with_arm
 

@@ -2,9 +2,9 @@ import cv2
 import numpy as np
 import pytest
 
-from robots.errors import FailureKind
-from skills.perception.rectification.camera_refinement import refine_calibration, tilted_table
-from skills.vocabulary import CameraCalibration
+from foldcell.robots.errors import FailureKind
+from foldcell.skills.perception.rectification.camera_refinement import refine_calibration, tilted_table
+from foldcell.skills.vocabulary import CameraCalibration
 from tests.scenes import TABLE, Scene, camera, render, with_arm
 
 

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from skills.perception.rectification.heights import height_above, table_height
-from skills.perception.rectification.table_view import RectifiedView
+from foldcell.skills.perception.rectification.heights import height_above, table_height
+from foldcell.skills.perception.rectification.table_view import RectifiedView
 
 SHAPE = (425, 600)
 ROWS, COLUMNS = np.mgrid[: SHAPE[0], : SHAPE[1]]

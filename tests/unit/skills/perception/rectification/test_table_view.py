@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robots.ports import CameraFrame
-from skills.perception.rectification.table_view import TableView
-from skills.vocabulary import Table
+from foldcell.robots.ports import CameraFrame
+from foldcell.skills.perception.rectification.table_view import TableView
+from foldcell.skills.vocabulary import Table
 from tests.scenes import TABLE, camera
 
 VIEW = TableView(camera(), TABLE)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from skills.perception.outline import resample_closed
-from skills.perception.registration.accuracy import keypoint_sigmas, probability_within
-from skills.perception.registration.register import register
+from foldcell.skills.perception.outline import resample_closed
+from foldcell.skills.perception.registration.accuracy import keypoint_sigmas, probability_within
+from foldcell.skills.perception.registration.register import register
 from tests.builders.silhouettes import Silhouette
 from tests.scenes import TOWEL, TOWEL_NAMES
 

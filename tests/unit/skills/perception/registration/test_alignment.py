@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skills.perception.registration.alignment import align, edge_deviation
-from skills.vocabulary import Array
+from foldcell.skills.perception.registration.alignment import align, edge_deviation
+from foldcell.skills.vocabulary import Array
 from tests.scenes import place
 
 # A folded shirt without symmetries. Corners counter-clockwise [m].

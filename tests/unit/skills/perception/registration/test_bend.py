@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from skills.perception.registration.bend import PLACE_SIGMA, locate_bend
-from skills.perception.registration.energy import Boundary
-from skills.perception.registration.register import register
+from foldcell.skills.perception.registration.bend import PLACE_SIGMA, locate_bend
+from foldcell.skills.perception.registration.energy import Boundary
+from foldcell.skills.perception.registration.register import register
 from tests.builders.silhouettes import Silhouette
 
 SPAN = 0.20

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from skills.perception.outline import interior_angles, resample_closed
-from skills.perception.registration.body import lay_body
-from skills.perception.registration.energy import Boundary
+from foldcell.skills.perception.outline import interior_angles, resample_closed
+from foldcell.skills.perception.registration.body import lay_body
+from foldcell.skills.perception.registration.energy import Boundary
 from tests.scenes import SHIRT_NAMES, place, shirt
 
 TEMPLATE = shirt()

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skills.perception.outline import interior_angles
-from skills.perception.registration.energy import (
+from foldcell.skills.perception.outline import interior_angles
+from foldcell.skills.perception.registration.energy import (
     Boundary,
     EnergyWeights,
     contour_terms,

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skills.perception.outline import polygon_area, resample_closed, symmetries
-from skills.perception.registration.energy import Boundary, EnergyWeights
-from skills.perception.registration.register import FitSettings, best_starts, fit, register
+from foldcell.skills.perception.outline import polygon_area, resample_closed, symmetries
+from foldcell.skills.perception.registration.energy import Boundary, EnergyWeights
+from foldcell.skills.perception.registration.register import FitSettings, best_starts, fit, register
 from tests.builders.silhouettes import Silhouette
 from tests.scenes import (
     SHIRT_NAMES,

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from skills.perception.outline import resample_closed, smooth_closed
-from skills.perception.registration.upper_edge import locate_upper_edge
-from skills.plane import rotation
+from foldcell.skills.perception.outline import resample_closed, smooth_closed
+from foldcell.skills.perception.registration.upper_edge import locate_upper_edge
+from foldcell.skills.plane import rotation
 
 HALF = {"hem": (0.0, -0.24), "armpit": (0.44, -0.25), "cuff_lower": (0.40, -0.36)}
 SHOULDER, COLLAR = (0.635, -0.22), (0.68, -0.09)

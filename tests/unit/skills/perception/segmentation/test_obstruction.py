@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from robots.errors import FailureKind
-from skills.perception.rectification.table_view import TableView
-from skills.perception.segmentation.obstruction import find_obstruction, standing_parts
-from skills.vocabulary import PredictedShape
+from foldcell.robots.errors import FailureKind
+from foldcell.skills.perception.rectification.table_view import TableView
+from foldcell.skills.perception.segmentation.obstruction import find_obstruction, standing_parts
+from foldcell.skills.vocabulary import PredictedShape
 from tests.builders.shipped_settings import inspect, perceive
 from tests.scenes import TABLE, TOWEL, Scene, camera, empty, place, render, with_arm
 

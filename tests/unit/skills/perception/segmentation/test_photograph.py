@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from skills.perception.segmentation.photograph import propose_garments, table_distance
+from foldcell.skills.perception.segmentation.photograph import propose_garments, table_distance
 
 SIZE = (360, 480)
 TROUSERS = np.array([[60, 250], [120, 330], [230, 260], [430, 330], [445, 280], [250, 225], [400, 60], [360, 25]])

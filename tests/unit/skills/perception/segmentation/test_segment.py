@@ -2,16 +2,16 @@ import cv2
 import numpy as np
 import pytest
 
-from cell.hardware.photograph import photographed
-from skills.perception.outline import smooth_closed
-from skills.perception.rectification.heights import height_above
-from skills.perception.rectification.table_view import TableView
-from skills.perception.registration.boundary import refine_boundary
-from skills.perception.segmentation.colour_model import log_colour
-from skills.perception.segmentation.grabcut import segment_grabcut
-from skills.perception.segmentation.reference import segment_plain, segment_reference
-from skills.perception.segmentation.table_model import light_change
-from skills.perception.segmentation.watershed import segment_watershed
+from foldcell.cell.hardware.photograph import photographed
+from foldcell.skills.perception.outline import smooth_closed
+from foldcell.skills.perception.rectification.heights import height_above
+from foldcell.skills.perception.rectification.table_view import TableView
+from foldcell.skills.perception.registration.boundary import refine_boundary
+from foldcell.skills.perception.segmentation.colour_model import log_colour
+from foldcell.skills.perception.segmentation.grabcut import segment_grabcut
+from foldcell.skills.perception.segmentation.reference import segment_plain, segment_reference
+from foldcell.skills.perception.segmentation.table_model import light_change
+from foldcell.skills.perception.segmentation.watershed import segment_watershed
 from tests.scenes import TABLE, TOWEL, Scene, camera, empty, place, render
 
 VIEW = TableView(camera(), TABLE)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.interpolate import BPoly
 
-from skills.trajectory.arcs.bezier import arc_controls, arc_lengths, bernstein, evaluate
+from foldcell.skills.trajectory.arcs.bezier import arc_controls, arc_lengths, bernstein, evaluate
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -5,20 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cell.config.garments.garment_file import load_garment
-from skills.cloth.predict import predict_fold
-from skills.fold_plan.crease_mesh import predictor_mesh
-from skills.fold_plan.plan import plan_folds
-from skills.fold_plan.repair import RepairGoal, RepairPlan, plan_repair
-from skills.state_estimate.hypothesis import Interruption
-from skills.state_estimate.interrupted_fold import simulate_interruptions
-from skills.trajectory.arcs.bezier import arc_controls
-from skills.trajectory.arcs.frame import frames_of
-from skills.trajectory.arcs.paths import fold_paths, lifted
-from skills.trajectory.arcs.repair_arcs import repair_arcs, turned_paths
-from skills.trajectory.search.acceptance import acceptance_limit
-from skills.trajectory.search.objective import dissimilarity
-from skills.vocabulary import FoldLine, FoldStep, GarmentState, Grasp, GraspId
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.skills.cloth.predict import predict_fold
+from foldcell.skills.fold_plan.crease_mesh import predictor_mesh
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.fold_plan.repair import RepairGoal, RepairPlan, plan_repair
+from foldcell.skills.state_estimate.hypothesis import Interruption
+from foldcell.skills.state_estimate.interrupted_fold import simulate_interruptions
+from foldcell.skills.trajectory.arcs.bezier import arc_controls
+from foldcell.skills.trajectory.arcs.frame import frames_of
+from foldcell.skills.trajectory.arcs.paths import fold_paths, lifted
+from foldcell.skills.trajectory.arcs.repair_arcs import repair_arcs, turned_paths
+from foldcell.skills.trajectory.search.acceptance import acceptance_limit
+from foldcell.skills.trajectory.search.objective import dissimilarity
+from foldcell.skills.vocabulary import FoldLine, FoldStep, GarmentState, Grasp, GraspId
 
 THICKNESS = 0.002
 GRASP = GraspId.LEFT

@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from cell.config.garments.garment_file import load_garment
-from skills.fold_plan.plan import plan_folds
-from skills.trajectory.arcs.bezier import arc_controls, arc_lengths
-from skills.trajectory.arcs.frame import frames_of
-from skills.trajectory.arcs.paths import (
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.trajectory.arcs.bezier import arc_controls, arc_lengths
+from foldcell.skills.trajectory.arcs.frame import frames_of
+from foldcell.skills.trajectory.arcs.paths import (
     TOOL_ACCELERATION,
     SpeedLaw,
     after_lift,
@@ -21,7 +21,7 @@ from skills.trajectory.arcs.paths import (
     lifted,
     tool_paths,
 )
-from skills.vocabulary import GraspId, GraspTrajectory
+from foldcell.skills.vocabulary import GraspId, GraspTrajectory
 
 TOWEL = load_garment("medium_towel")
 STEP = plan_folds(TOWEL.flat_state(0.58, 0.0), TOWEL).unwrap()[0]

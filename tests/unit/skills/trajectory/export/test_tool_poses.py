@@ -10,9 +10,9 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-from skills.trajectory.export.ros_messages import joint_trajectory
-from skills.trajectory.export.tool_poses import pose_rows, tool_poses_text
-from skills.vocabulary import ToolPath
+from foldcell.skills.trajectory.export.ros_messages import joint_trajectory
+from foldcell.skills.trajectory.export.tool_poses import pose_rows, tool_poses_text
+from foldcell.skills.vocabulary import ToolPath
 
 T = np.linspace(0, 1, 5)
 ANGLE = 0.3 * T

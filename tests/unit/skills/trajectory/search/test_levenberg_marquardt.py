@@ -10,7 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
-from skills.trajectory.search.levenberg_marquardt import SecantOptions, _broyden, secant_levenberg_marquardt
+from foldcell.skills.trajectory.search.levenberg_marquardt import (
+    SecantOptions,
+    _broyden,
+    secant_levenberg_marquardt,
+)
 
 FINE = SecantOptions(delta=1e-5, improvement_tolerance=0.0, max_evaluations=2000)
 

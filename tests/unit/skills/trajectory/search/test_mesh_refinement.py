@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cell.config.garments.garment_file import load_garment
-from skills.cloth.mesh import mesh_from_contour
-from skills.fold_plan.plan import plan_folds
-from skills.trajectory.search.mesh_refinement import carried, refined
-from skills.trajectory.search.problem import FoldProblem
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.skills.cloth.mesh import mesh_from_contour
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.trajectory.search.mesh_refinement import carried, refined
+from foldcell.skills.trajectory.search.problem import FoldProblem
 
 
 @pytest.mark.parametrize("name", ["medium_towel", "pants"])

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
-from skills.fold_figures.folded_mesh import doubled_area
-from skills.trajectory.search.objective import ALPHA, cost, dissimilarity
+from foldcell.skills.fold_figures.folded_mesh import doubled_area
+from foldcell.skills.trajectory.search.objective import ALPHA, cost, dissimilarity
 
 RNG = np.random.default_rng(4)
 FLAT = np.vstack([[[0, 0], [0.6, 0], [0.6, 0.4], [0, 0.4]], RNG.uniform((0, 0), (0.6, 0.4), (1500, 2))])

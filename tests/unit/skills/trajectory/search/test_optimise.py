@@ -14,19 +14,24 @@ from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 from scipy.spatial.distance import cdist
 
-from cell.config.garments.garment_file import load_garment
-from robots.errors import CellError, FailureKind
-from skills.fold_figures.folded_mesh import doubled_area
-from skills.fold_plan.folding import target_vertices
-from skills.fold_plan.plan import plan_folds
-from skills.trajectory.arcs.bezier import arc_controls, evaluate
-from skills.trajectory.arcs.frame import frames_of
-from skills.trajectory.search import optimise
-from skills.trajectory.search.acceptance import POOR_SHARE, PROMISE_SLACK, acceptance_limit, judge_prediction
-from skills.trajectory.search.optimise import METHODS, optimise_fold
-from skills.trajectory.search.problem import Candidate, Controls, Evaluator, FoldProblem, Mishap
-from skills.trajectory.search.robust import MARGIN, MISHAPS, most_robust, simulations
-from skills.vocabulary import GraspId
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.robots.errors import CellError, FailureKind
+from foldcell.skills.fold_figures.folded_mesh import doubled_area
+from foldcell.skills.fold_plan.folding import target_vertices
+from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.trajectory.arcs.bezier import arc_controls, evaluate
+from foldcell.skills.trajectory.arcs.frame import frames_of
+from foldcell.skills.trajectory.search import optimise
+from foldcell.skills.trajectory.search.acceptance import (
+    POOR_SHARE,
+    PROMISE_SLACK,
+    acceptance_limit,
+    judge_prediction,
+)
+from foldcell.skills.trajectory.search.optimise import METHODS, optimise_fold
+from foldcell.skills.trajectory.search.problem import Candidate, Controls, Evaluator, FoldProblem, Mishap
+from foldcell.skills.trajectory.search.robust import MARGIN, MISHAPS, most_robust, simulations
+from foldcell.skills.vocabulary import GraspId
 
 TOWEL = load_garment("medium_towel")
 STATE = TOWEL.flat_state(0.58, 0.0)

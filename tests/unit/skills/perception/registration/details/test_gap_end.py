@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
-from skills.perception.registration.details.cloth_picture import ClothPicture
-from skills.perception.registration.details.gap_end import HOLLOW, NARROW, locate_gap_end
-from skills.perception.registration.details.picture_refinement import refine_by_picture
-from skills.perception.registration.register import register
+from foldcell.skills.perception.registration.details.cloth_picture import ClothPicture
+from foldcell.skills.perception.registration.details.gap_end import HOLLOW, NARROW, locate_gap_end
+from foldcell.skills.perception.registration.details.picture_refinement import refine_by_picture
+from foldcell.skills.perception.registration.register import register
 from tests.builders.silhouettes import Silhouette
 from tests.scenes import TROUSERS_NAMES, trousers
 

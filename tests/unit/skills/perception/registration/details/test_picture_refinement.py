@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from skills.perception.registration.details.picture_refinement import _agreeing
-from skills.perception.registration.energy import Boundary
+from foldcell.skills.perception.registration.details.picture_refinement import _agreeing
+from foldcell.skills.perception.registration.energy import Boundary
 
 BOUNDARY = Boundary(np.array([[-0.3, 0.2], [-0.3, -0.2], [0.3, -0.2], [0.3, 0.2]]))
 RIGHT, LEFT = np.array([0.1, -0.2]), np.array([0.1, 0.2])

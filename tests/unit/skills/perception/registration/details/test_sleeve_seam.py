@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from skills.perception.registration.details.cloth_picture import ClothPicture
-from skills.perception.registration.details.sleeve_seam import locate_seam
-from skills.perception.registration.energy import Boundary
+from foldcell.skills.perception.registration.details.cloth_picture import ClothPicture
+from foldcell.skills.perception.registration.details.sleeve_seam import locate_seam
+from foldcell.skills.perception.registration.energy import Boundary
 
 PIXEL = 0.002
 OUTLINE = np.array([[-0.3, 0.2], [-0.3, -0.2], [0.3, -0.2], [0.3, 0.2]])

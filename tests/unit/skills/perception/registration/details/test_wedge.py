@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skills.perception.registration.details.wedge import Strip, WedgePrior, _model, _residuals, fit_wedge
+from foldcell.skills.perception.registration.details.wedge import Strip, WedgePrior, _model, _residuals, fit_wedge
 
 S, V = np.arange(-0.03, 0.06, 0.0025), np.arange(-0.02, 0.0201, 0.00125)
 TABLE = np.array([0.9, 0.3, -0.2])
