@@ -33,10 +33,6 @@ from foldcell.skills.vocabulary import Array
 __all__ = ["diagonal", "keypoint_offsets", "named_edge_pairs", "score", "score_plan"]
 
 
-SAME_SHAPE = 1e-4
-"""Targets of the same shape have the same mean distance from the garment after alignment, within this [m]."""
-
-
 def score(garment: FinalGarment, limits: ScoreLimits = DEFAULT_LIMITS) -> Score:
     """Score a folded garment. Raises InternalError if its vertices are not finite or too far apart."""
     folded = fold_mesh(garment.material, garment.triangles, garment.lines, garment.vertices)
@@ -79,9 +75,9 @@ def score_plan(
     The heights are not judged yet (`Score.with_ideal`).
 
     A step of a plan may have several variants (for example, either half folded onto the other). The garment is
-    scored against the combination of variants whose target is nearest to its final shape after alignment, because
-    somebody may have moved it since it was laid. Of targets of the same shape, the nearest without alignment
-    counts. Raises InternalError like `score`.
+    scored against the combination of variants whose target is nearest to its final shape. Targets whose shape it
+    does not have, even after alignment, come last, because somebody may have moved it since it was laid. Raises
+    InternalError like `score`.
     """
     pairs = named_edge_pairs(garment.edge_pairs, keypoints)
     finals = [
@@ -89,8 +85,9 @@ def score_plan(
         for lines in ways_to_fold(garment, keypoints)
     ]
     scores = [score(final) for final in finals]
-    errors = [found.figures["correspondence_m"].value for found in scores]
-    alike = [k for k, error in enumerate(errors) if error <= min(errors) + SAME_SHAPE]
+    fits = [found.figures["correspondence_m"] for found in scores]
+    nearest = min(fit.value for fit in fits)
+    alike = [k for k, fit in enumerate(fits) if fit.passed or fit.value == nearest]
     return scores[min(alike, key=lambda k: _mean_distance(finals[k]))]
 
 

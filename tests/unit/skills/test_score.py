@@ -437,6 +437,11 @@ def test_every_variant_sequence_is_a_valid_target_and_the_preferred_one_is_first
             "somebody has moved the folded towel"
         )
         assert not moved.passed and moved.figures["drift_rad"].value == pytest.approx(0.2, abs=1e-6)
+        crooked = {**keypoints, "far_left": keypoints["far_left"] + (0.004, -0.003)}
+        near = score_plan(final, cut.triangles, cut.attributes, crooked, a_towel("t"), THICKNESS)
+        assert near.figures["drift_m"].passed and near.figures["drift_rad"].passed, (
+            "half a turn makes the target of other variants fit, but nobody has turned the towel"
+        )
     assert ways[0][0].signed_distance(keypoints["far_left"]) > 0.0
     half_done = np.column_stack([fold_xy(ways[0][:1], flat), np.zeros(len(flat))])
     assert not score_plan(half_done, triangles, flat, keypoints, a_towel("t"), THICKNESS).passed
