@@ -19,7 +19,8 @@ PARTS = {
     "foldcell.skills.motion": "compiling the arms' kinematics: once after an installation, some seconds",
 }
 """Message for each package with its subpackages. Code of other packages compiles in about a second."""
-WAITS = "another process compiles the same code, once after an installation: waiting for it, about a minute"
+WAITS = "waiting for the process that is "
+"""Begin of the message if another process compiles the package, perhaps one that this run began."""
 STILL_EVERY = 15.0
 """Time between two messages that compilation continues [s]."""
 
@@ -49,7 +50,7 @@ class _Listener(Listener):
 
     def __init__(self, say: Callable[[str], None]) -> None:
         self._say = say
-        self._left = {**PARTS, WAITING: WAITS}
+        self._left = dict(PARTS)
         self._announced = False
         self._depth = 0
         self._began = 0.0
@@ -61,11 +62,10 @@ class _Listener(Listener):
         self._depth += 1
         waits = event.kind == WAITING
         module = event.data["module"] if waits else event.data["dispatcher"].py_func.__module__
-        package = ".".join(module.split(".")[:3])
-        text = self._left.pop(WAITING if waits else package, None) if package in PARTS else None
+        text = self._left.pop(".".join(module.split(".")[:3]), None)
         if text is not None:
             self._announced = True
-            self._say(text)
+            self._say(WAITS + text if waits else text)
 
     def on_end(self, event: Event) -> None:
         self._depth -= 1
