@@ -134,7 +134,7 @@ def _camera(rung: Rung) -> Figures:
     ports.attendant.bring_board(BoardPlace.AWAY)
     require(view is not None, "the calibration board is not found in the picture")
     assert view is not None
-    return {"board_corners": float(len(view.index)), "seconds_s": rung.rig.now - begun}
+    return {"board_corners": float(len(view.index)), "found_after_s": rung.rig.now - begun}
 
 
 def _one_joint(rung: Rung) -> Figures:

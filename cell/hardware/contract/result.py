@@ -14,6 +14,8 @@ __all__ = ["Result", "judged"]
 
 Figures = Mapping[str, float]
 WORDS = {"passed": "PASS", "failed": "FAIL", "not_run": "not run"}
+UNITS = {"s": "s", "m": "m", "n": "N", "deg": "degrees", "hz": "Hz"}
+"""Last part of a figure's name -> its unit."""
 
 
 class Provable(Protocol):
@@ -57,11 +59,17 @@ class Result(Generic[P]):
     def failed(self) -> bool:
         return self.state == "failed"
 
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """The figures in words, for example 'rest 0.02 s'."""
+        return tuple(_in_words(name, value).replace("_", " ") for name, value in self.figures.items())
+
     def __str__(self) -> str:
-        figures = ", ".join(f"{name} {value:.4g}" for name, value in self.figures.items())
         remedy = f"remedy: {self.of.remedy}" if self.failed else ""
         lines = [f"{WORDS[self.state]:8} {self.of.name:16} {self.of.proves}"]
-        return "\n".join(lines + [f"{'':25} {line}" for line in (figures, self.reason, remedy) if line])
+        return "\n".join(
+            lines + [f"{'':25} {line}" for line in (", ".join(self.measured), self.reason, remedy) if line]
+        )
 
     def as_json(self) -> dict[str, Any]:
         of = self.of
@@ -76,6 +84,11 @@ class Result(Generic[P]):
         skipped = self.reason if self.state == "not_run" else ""
         output = "\n".join([self.of.proves, *self.reports])
         return JUnitCase(self.of.name, broken, skipped, self.seconds, output=output)
+
+
+def _in_words(name: str, value: float) -> str:
+    about, _, last = name.rpartition("_")
+    return f"{about} {value:.4g} {UNITS[last]}" if last in UNITS else f"{name} {value:g}"
 
 
 def judged(check: Callable[[A], Figures | None], at: A) -> tuple[str, str, Figures]:

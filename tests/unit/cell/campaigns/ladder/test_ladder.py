@@ -154,6 +154,7 @@ def test_a_sound_cell_passes_every_step_and_the_page_shows_it(tmp_path: Path) ->
     assert journal.intents == [step.name for step in IN_THE_CELL] == list(FAULTS)
     assert len(journal.results) == len(results) and not ports.stop.state().stopped
     figures = {name: value for r in results for name, value in r.figures.items()}
+    assert any(words == f"rest {figures['rest_s']:.4g} s" for r in results for words in r.measured)
     assert figures["rest_s"] > 0.0 and figures["left_rise_m"] == pytest.approx(0.05, abs=2e-3)
     page = write_page(tmp_path, Climbed(results, True, None, None), "kinematic", True, "commissioning")
     text = page.read_text()
