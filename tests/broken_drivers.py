@@ -81,6 +81,22 @@ def fast(_: KinematicCell, state: JointState) -> JointState:
     return replace(state, qd=frozen(2.0 * state.qd))
 
 
+def delayed_in(seconds: float, period: float) -> Break:
+    """In each period the gripper's states stay away for so long [s]."""
+
+    def broken(cell: KinematicCell) -> Ports:
+        last: dict[Any, GripperState] = {}
+
+        def state(hand: Any) -> GripperState:
+            if hand.side not in last or cell.t % period >= seconds:
+                last[hand.side] = hand.state()
+            return last[hand.side]
+
+        return with_gripper(state=state)(cell)
+
+    return broken
+
+
 def fresh_stamp(cell: KinematicCell, state: JointState) -> JointState:
     return replace(state, stamp=cell.t)
 
