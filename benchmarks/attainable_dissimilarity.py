@@ -1,7 +1,5 @@
 """Computes D_relax, the dissimilarity D of an ideal fold after it has settled. The optimiser is compared with it.
 
-    python -m benchmarks.attainable_dissimilarity [GARMENT...]
-
 The fold starts from the garment after the earlier steps, each made ideally and settled. It is made without
 grippers (skills/fold_plan/turned_fold.py): cloth that lies flat is moved exactly to its target, which is the
 isometry of this fold and the earlier ones with layers at k x thickness. The garment then settles for one second.
@@ -9,33 +7,25 @@ The remaining D is due to the cloth: creases open, and earlier creases lift the 
 in the paper: 3-D, unaligned, over all layers, area-weighted over barycentres. Triangles are cut at the fold
 lines, so that each has one place in the target.
 
-It is not enough to move every vertex to its target. An earlier crease, some 20 mm high, would be compressed to the
-height of its layers, and the strain would throw the cloth about. If the crease started flat instead, it would have
-to open under the layers that now lie on it. Where several layers are folded together, moved triangles at the line
-also pass through one another. This causes 130 to 1500 crossings, which remain and hold the crease shut. The D of
-vertices that were moved to their targets is printed too (flat_mm, with flat_crossings). For the first fold of a
-single layer, where nothing can cross, both figures agree. Cutting the simulated mesh at the line does not help:
-the crease then follows the row of vertices and does not open at all.
+It is not enough to move every vertex to its target. An earlier crease, some 20 mm high, would be compressed to
+the height of its layers, and the strain would throw the cloth about. If the crease started flat instead, it would
+have to open under the layers that now lie on it. Where several layers are folded together, moved triangles at the
+line also pass through one another. This causes 130 to 1500 crossings, which remain and hold the crease shut.
+Cutting the simulated mesh at the line does not help: the crease then follows the row of vertices and does not
+open at all.
 """
 
 from __future__ import annotations
 
-import argparse
-
 import numpy as np
 
-from foldcell.cell.config.garments.garment_file import list_garments, load_garment
-from foldcell.skills.cloth.intersections.crossings import count_crossings
-from foldcell.skills.cloth.mesh import ClothMesh, mesh_from_contour
+from foldcell.skills.cloth.mesh import ClothMesh
 from foldcell.skills.cloth.settings import SolverSettings
 from foldcell.skills.cloth.solver import ClothSimulation
 from foldcell.skills.fold_figures.folded_mesh import fold_mesh
-from foldcell.skills.fold_plan.folding import fold_points, outline_of, target_vertices
-from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.fold_plan.folding import fold_points, outline_of
 from foldcell.skills.fold_plan.turned_fold import turned_over
 from foldcell.skills.garments.garment import Garment
-from foldcell.skills.scoring.alignment import FinalGarment
-from foldcell.skills.scoring.score import named_edge_pairs, score
 from foldcell.skills.vocabulary import Array, FoldLine, Material, frozen
 
 EDGE, FINER = 0.018, 0.85
@@ -71,12 +61,6 @@ def ideal_fold(
     return _SETTLED[key]
 
 
-def mapped_fold(mesh: ClothMesh, lines: tuple[FoldLine, ...], material: Material) -> Array:
-    """Move all vertices to their targets and let the garment settle. Return the vertices (n, 3). All creases start
-    flat and sharp."""
-    return settled(mesh, material, target_vertices(mesh, lines, material), SolverSettings(), SETTLE_S)
-
-
 def settled(mesh: ClothMesh, material: Material, start: Array, settings: SolverSettings, settle_s: float) -> Array:
     """Simulate `settle_s` [s] from `start` (n, 3), without grippers. Return the vertices (n, 3)."""
     simulation = ClothSimulation(mesh, material, start, settings)
@@ -99,39 +83,3 @@ def evaluation_edge(garment: Garment, scale: float = 1.0) -> float:
     """Edge length [m] of the mesh on which a garment's folds are evaluated. scale: factor on the garment's
     size."""
     return min(EDGE, FINER * garment.mesh_edge_m * scale)
-
-
-def table(garment: Garment) -> list[dict[str, float | int | str | bool]]:
-    """Compute one row per step: D_relax, and the score of the settled ideal shape."""
-    state = garment.flat_state(*garment.poses.middle)
-    mesh = mesh_from_contour(state.contour, evaluation_edge(garment), garment.layers)
-    rows: list[dict[str, float | int | str | bool]] = []
-    steps = plan_folds(state, garment).unwrap()
-    for step in steps:
-        d, x = d_relax(mesh, step.lines, garment.material)
-        flat = mapped_fold(mesh, step.lines, garment.material)
-        last = step is steps[-1]
-        pairs = named_edge_pairs(garment.edge_pairs, state.keypoints) if last else ()
-        judged = score(FinalGarment(x, mesh.triangles, mesh.rest, step.lines, garment.material.thickness, pairs))
-        rows.append({
-            "garment": garment.name, "step": step.name, "d_relax_mm": round(1e3 * d, 2),
-            "crossings": count_crossings(x, mesh.triangles),
-            "flat_mm": round(1e3 * distance_to_target(mesh, step.lines, garment.material, flat), 2),
-            "flat_crossings": count_crossings(flat, mesh.triangles), "score_fails": ",".join(judged.failed),
-            **{k: round(f.value, 4) for k, f in judged.figures.items()},
-        })  # fmt: skip
-    return rows
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("garments", nargs="*", help="names; default: all that ship")
-    parser.add_argument("--surface", default="bare_table")
-    arguments = parser.parse_args()
-    for name in arguments.garments or list_garments():
-        for row in table(load_garment(name, arguments.surface)):
-            print(row, flush=True)
-
-
-if __name__ == "__main__":
-    main()

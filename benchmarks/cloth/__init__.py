@@ -3,8 +3,8 @@
 Speeds are simulated seconds over CPU seconds of the computing thread (`time.thread_time`), so other work on the
 machine has little effect. A speed is the best of three measurements; that of a peer, which takes minutes, comes
 from one. two_threads_x_throughput is measured in wall time and needs an idle machine. Errors are differences from
-closed forms (block on a slope, hung strip, Peirce's cantilever) or, with peers, from MuJoCo's flex and PyBullet's
-soft body. Everything is simulated.
+closed forms (block on a slope, hung strip, Peirce's cantilever) or, with peers, from MuJoCo's flex. Everything is
+simulated.
 """
 
 from __future__ import annotations
@@ -61,8 +61,7 @@ PARTS: Mapping[str, Part] = {
     "variants": Part("contact:variants", "the same with other friction, thickness and speed"),
     "shipped": Part("contact:shipped", "all shipped garments through their folds"),
     "starts": Part("contact:starts", "shirt and all shipped garments from starts that differ by 1e-6 m"),
-    "determinism": Part("smooth:determinism", "the same bits in another process and thread"),
-    "roughness": Part("smooth:roughness", "how far a perturbation grows, and what it does to a cost"),
+    "determinism": Part("determinism:same_bits", "the same bits in another process and thread"),
     "conservation": Part("physics:conservation", "momentum, energy and rest"),
     "tilt": Part("physics:tilt", "tilted table"),
     "layers": Part("physics:layers", "a layer on a layer on the tilted table"),
@@ -77,7 +76,6 @@ PARTS: Mapping[str, Part] = {
     "mujoco_refinement": Part("mujoco_peer:refinement", "MuJoCo: what its own refinement changes", "mujoco"),
     "mujoco_folds": Part("mujoco_peer:folds", "MuJoCo: the same towel folds", "mujoco"),
     "mujoco_optimised": Part("mujoco_peer:optimised", "MuJoCo: our optimised towel fold", "mujoco"),
-    "pybullet": Part("pybullet_peer:measure", "PyBullet's soft body: the same fold", "pybullet"),
 }
 
 
@@ -134,11 +132,9 @@ def _derived(figures: Mapping[str, Any]) -> dict[str, Any]:
     strip, garment = (figures.get(f"hang_{name}_error_pp_max") for name in ("strip", "garment"))
     if strip is not None and garment is not None:
         out["hang_error_pp_max"] = max(strip, garment)
-    ours = figures.get("towel_425_x_realtime")
-    for peer in ("mujoco", "pybullet"):
-        theirs = figures.get(f"{peer}_towel_x_realtime")
-        if ours and theirs:
-            out[f"towel_425_speed_over_{peer}"] = ours / theirs
+    ours, theirs = figures.get("towel_425_x_realtime"), figures.get("mujoco_towel_x_realtime")
+    if ours and theirs:
+        out["towel_425_speed_over_mujoco"] = ours / theirs
     return out
 
 

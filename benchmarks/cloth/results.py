@@ -64,21 +64,14 @@ SECTIONS: Mapping[str, Sequence[Row]] = {
         Row("shortest edge over requested length", "mesh_shortest_edge_rel"),
         Row("longest edge over requested length", "mesh_longest_edge_rel"),
     ),
-    "Determinism and smoothness": (
+    "Determinism": (
         Row("same bits when run again", "same_bits_again", 1, True),
         Row("same bits in another process", "same_bits_in_another_process", 1, True),
         Row("same bits in two concurrent threads", "same_bits_in_two_threads_at_once", 1, True),
-        Row("towel: end distance after 1e-6 m at the start", "towel_1e-6_m_grows_to_mm_mean", unit="mm"),
-        Row("two sleeves: end distance after 1e-6 m", "shirt_two_sleeves_1e-6_m_grows_to_mm_mean", unit="mm"),
-        Row("towel: spread of the cost", "towel_cost_spread_mm", unit="mm"),
-        Row("two sleeves: spread of the cost", "shirt_two_sleeves_cost_spread_mm", unit="mm"),
-        Row("towel: roughness of the cost over arc height", "towel_cost_roughness_mm", unit="mm"),
     ),
     "Independent engines": (
         Row("MuJoCo: speed of the towel fold", "mujoco_towel_x_realtime", unit="x"),
         Row("foldcell's speed over MuJoCo's", "towel_425_speed_over_mujoco", unit="x"),
-        Row("PyBullet: speed of the towel fold", "pybullet_towel_x_realtime", unit="x"),
-        Row("foldcell's speed over PyBullet's", "towel_425_speed_over_pybullet", unit="x"),
         Row("MuJoCo: creep on the tilted table", "mujoco_tilt_creep_mm_max", unit="mm"),
         Row("MuJoCo: relative error of the slide", "mujoco_tilt_slide_error_rel_max"),
         Row("MuJoCo: error of hung strips", "mujoco_hang_error_pp_max", unit="pp"),
@@ -122,7 +115,7 @@ def page(figures: Mapping[str, Any]) -> str:
         "`foldcell bench cloth --peers --json`" + on_machine,
         "",
         "- **Crossings** are edges that pass through triangles. **Bar**: the required value of a figure.",
-        "- **Speed**: the best of three measurements in a run of the bench (one for MuJoCo and PyBullet).",
+        "- **Speed**: the best of three measurements in a run of the bench (one for MuJoCo).",
         "- **Motion** is the largest motion of a vertex in 0.1 s, one second after the release.",
         "- **Strain** is the elongation or compression of an edge at the end of every fold. Edges within 40 mm or",
         "  two edges of a pinch or a crease are left out. A crease is a fold line, or cloth that turns by more",
@@ -186,7 +179,6 @@ LISTS = {
     "hang_garment": "Hung garments of the paper's table",
     "mujoco_refinement": "MuJoCo: refinement of the time step",
     "mujoco_folds": "Towel fold in foldcell and in MuJoCo, over friction",
-    "pybullet_folds": "PyBullet: the same fold with a soft body",
 }
 HEADINGS = {
     "chosen": "substeps chosen", "x_realtime": "x real time", "off_mm": "distance mm",
@@ -205,7 +197,7 @@ HEADINGS = {
     "spread_of_starts_percent": "spread over starts %", "steps_a_frame": "steps per frame",
     "contact_time_ms": "contact time ms", "change_mm": "change mm", "error_mm": "error mm",
     "difference_mm": "mean distance mm", "mujoco_error_mm": "error in MuJoCo mm", "drift_mm": "drift mm",
-    "mujoco_drift_mm": "drift in MuJoCo mm", "lost": "diverged",
+    "mujoco_drift_mm": "drift in MuJoCo mm",
 }  # fmt: skip
 
 

@@ -1,9 +1,8 @@
-"""Benchmarks of arms and grasping: planning of folds, durations compared with lower bounds, inverse kinematics
-compared with peers, and detection of faults in grasps.
+"""Benchmarks of the arms: planning of folds, durations compared with lower bounds, and inverse kinematics compared
+with peers.
 
-Times are CPU times of one thread, so that other work on the machine has little effect. All grasps and poses are
-simulated. They are drawn by seed from the pose ranges of the shipped garments and from the simulated cell's noise
-table.
+Times are CPU times of one thread, so that other work on the machine has little effect. The poses are drawn by seed
+from the pose ranges of the shipped garments.
 """
 
 from __future__ import annotations
@@ -13,10 +12,9 @@ from collections.abc import Callable
 from typing import Any
 
 from benchmarks.motion.folds import measure_folds
-from benchmarks.motion.grasps import measure_grasps
 from benchmarks.motion.kinematics import measure_kinematics
 from foldcell.cell.config.cell_settings import load_settings
-from foldcell.cell.config.garments.garment_file import list_garments, load_garment
+from foldcell.cell.config.garments.garment_file import list_garments
 from foldcell.robots.baxter.robot import load_model
 
 __all__ = ["measure"]
@@ -27,11 +25,13 @@ def measure(tell: Callable[[str], None], *, peers: bool, quick: bool) -> dict[st
     figures that need extra packages. quick: few samples."""
     began = time.process_time()
     model, settings = load_model(), load_settings()
-    garments = [load_garment(name, settings.surface) for name in list_garments()]
-    poses, measured, singles, peer_singles, grasps = (2, 1, 200, 15, 40) if quick else (50, 12, 1000, 200, 500)
-    figures: dict[str, Any] = {"times_are": "CPU time of one thread", "garments": len(garments), "poses": poses}
+    poses, measured, singles, peer_singles = (2, 1, 200, 15) if quick else (50, 12, 1000, 200)
+    figures: dict[str, Any] = {
+        "times_are": "CPU time of one thread",
+        "garments": len(list_garments()),
+        "poses": poses,
+    }
     figures |= measure_folds(tell, model, settings, poses, measured)
     figures |= measure_kinematics(tell, model, singles, peer_singles, peers)
-    figures |= measure_grasps(tell, garments, grasps)
     figures["bench_cpu_s"] = time.process_time() - began
     return figures

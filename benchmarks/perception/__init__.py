@@ -19,7 +19,6 @@ import numpy as np
 from benchmarks.perception.fabrics import LEAST_DIFFERENCE
 from benchmarks.perception.folded import measure_inspection
 from benchmarks.perception.paper_method import paper_keypoints
-from benchmarks.perception.photograph_figures import measure_photographs
 from benchmarks.perception.scenes import TABLE, LabelledScene, draw_scene
 from benchmarks.perception.strangers import measure_strangers
 from benchmarks.shipped_settings import PERCEPTION
@@ -68,15 +67,13 @@ def measure(tell: Callable[[str], None], *, peers: bool = False, quick: bool = F
         held_out = _scenes(tell, HELD_OUT, count // 3)
         garments = [load_garment(name) for name in list_garments()]
         unknown = measure_strangers(tell, garments, quick)
-        photographs = measure_photographs(tell, garments, quick)
         folds = QUICK_FOLDS if quick else FOLDS
         inspection = measure_inspection(tell, 0, folds)
         folds_held_out = measure_inspection(tell, HELD_OUT, max(folds // 3, 1))
     finally:
         cv2.setNumThreads(threads)
     return {
-        **_figures(judged), **_held_out(_figures(held_out)), **unknown, **photographs, **inspection,
-        **_held_out(folds_held_out),
+        **_figures(judged), **_held_out(_figures(held_out)), **unknown, **inspection, **_held_out(folds_held_out),
     }  # fmt: skip
 
 

@@ -19,7 +19,7 @@ from foldcell.robots.errors import ConfigurationError
 
 __all__ = ["BENCHES", "add_options", "run"]
 
-BENCHES = ("cell", "cloth", "execution", "motion", "optimise", "perception")
+BENCHES = ("cell", "cloth", "motion", "optimise", "perception")
 """Names of the benchmarks: packages or modules of `benchmarks` that have a function `measure`."""
 
 

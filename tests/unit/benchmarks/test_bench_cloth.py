@@ -73,7 +73,7 @@ def test_bench_only_selects_parts_of_the_cloth_bench(capsys: pytest.CaptureFixtu
     shown = capsys.readouterr().out.splitlines()
     assert "substeps_folds" in shown and sum(line.startswith("towel ") for line in shown) == 2
     assert figures["mesh_min_angle_deg"] > 20.0 and "towel_425_x_realtime" not in figures
-    assert main(["bench", "execution", "--only", "mesh"]) == 64
+    assert main(["bench", "motion", "--only", "mesh"]) == 64
 
 
 def test_a_fold_frame_by_frame_equals_the_predicted_fold() -> None:
@@ -177,4 +177,4 @@ def test_the_results_page_marks_unmet_targets_and_omits_unmeasured_figures() -> 
     assert "| towel, 425 vertices, in half | 61 x | at least 50 |" in text
     assert "at most 0: **not met**" in text and "| True | at least 1 |" in text
     assert "| pants | 1.7 | 30 |" in text
-    assert "| PyBullet" not in text, "no row for a peer that was not measured"
+    assert "| MuJoCo" not in text, "no row for a peer that was not measured"
