@@ -28,7 +28,7 @@ from foldcell.cell.config.yaml_file import Document, Key, merge, read_yaml, vali
 from foldcell.cell.support.files.names import checked_name
 from foldcell.robots.errors import ConfigurationError
 from foldcell.robots.registry import list_robots
-from foldcell.robots.ros.driver import CameraTopics, RosSettings
+from foldcell.robots.ros.driver import CameraTopics, Network, RosSettings
 from foldcell.skills.vocabulary import Table
 
 if TYPE_CHECKING:
@@ -46,6 +46,7 @@ __all__ = [
     "GripperConfig",
     "InspectionConfig",
     "MotionConfig",
+    "NetworkConfig",
     "OptimiserConfig",
     "PerceptionConfig",
     "PressingConfig",
@@ -411,6 +412,24 @@ class RosConfig(_Group):
         return RosSettings(camera, self.raw_position, self.tactile_rows, self.camera_settle)
 
 
+class NetworkConfig(_Group):
+    """Network between the emulated robot and its driver (docs/look_up/emulator.md)."""
+
+    delay: float = _number(0.0, 1.0, "s", "delay of each message, either way")
+    jitter: float = _number(0.0, 1.0, "s", "largest deviation from the delay")
+    loss: float = _number(0.0, 0.5, "1", "share of the messages that are lost")
+    reordering: bool = Field(strict=True, description="a message may overtake an earlier one of its topic")
+    repeat: float = _number(0.0, 1.0, "s", "delay with which a second node repeats the joint states; 0 for none")
+    clock_ahead: float = _number(-60.0, 60.0, "s", "lead of the robot's clock")
+    picture_period: float = _number(0.05, 5.0, "s", "time between two pictures of the camera")
+    master_silent_from: float = _number(0.0, 3600.0, "s", "when the ROS master stops to answer")
+    master_silent_for: float = _number(0.0, 3600.0, "s", "for how long it does not answer; 0 for never")
+
+    def settings(self) -> Network:
+        """The emulator's settings."""
+        return Network(**self.model_dump())
+
+
 class RecorderConfig(_Group):
     """Settings of a run's report."""
 
@@ -441,6 +460,7 @@ class CellSettings(_Group):
     computing: ComputingConfig
     recorder: RecorderConfig
     ros: RosConfig
+    network: NetworkConfig
 
     @field_validator("robot")
     @classmethod

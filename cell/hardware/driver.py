@@ -120,7 +120,8 @@ def _opened(
     if driver == "emulator":
         from foldcell.cell.simulation.emulator.emulated import emulated_cell
 
-        with emulated_cell(simulation, seed, _driver_of(robot), settings.ros.settings(), limits) as cell:
+        ros, network = settings.ros.settings(), settings.network.settings()
+        with emulated_cell(simulation, seed, _driver_of(robot), ros, network, limits) as cell:
             yield OpenCell(cell.ports, cell)
         return
     with _real(robot, settings, limits, person) as ports:

@@ -19,7 +19,7 @@ from foldcell.robots.baxter.ros.electric_gripper import FULL_OPENING
 from foldcell.robots.example_data import package_root, read_description
 from foldcell.robots.gripper_geometry import GripperGeometry
 from foldcell.robots.ports import Attendant, Ports, Side, Stop
-from foldcell.robots.ros.driver import CameraTopics, RosDriver, RosSettings
+from foldcell.robots.ros.driver import CameraTopics, Network, RosDriver, RosSettings
 from foldcell.robots.urdf.build import robot_of
 from foldcell.robots.urdf.description import RGB, Dynamics, RobotDescription
 from foldcell.robots.urdf.elements import srdf_disabled_pairs
@@ -115,13 +115,15 @@ def _connect_stop() -> AbstractContextManager[Stop]:
 
 
 @contextmanager
-def _emulate(ports: Ports, topics: CameraTopics, patience: float) -> Iterator[Emulator]:
+def _emulate(
+    ports: Ports, topics: CameraTopics, patience: float, network: Network, tell: Callable[[str], None]
+) -> Iterator[Emulator]:
     from foldcell.robots.baxter.emulator.emulator import Emulator
     from foldcell.robots.ros.node import open_node
 
     node = open_node("baxter_emulator")
     try:
-        yield Emulator(ports, node, topics, patience=patience)
+        yield Emulator(ports, node, topics, tell, patience, network=network)
     finally:
         node.close()
 

@@ -14,7 +14,7 @@ from foldcell.robots.ports import Attendant, Ports, Stop
 if TYPE_CHECKING:
     from foldcell.robots.model import JointLimits
 
-__all__ = ["CameraTopics", "Emulate", "EmulatedRobot", "RosDriver", "RosSettings"]
+__all__ = ["CameraTopics", "Emulate", "EmulatedRobot", "Network", "RosDriver", "RosSettings"]
 
 
 @dataclass(frozen=True)
@@ -42,6 +42,27 @@ class RosSettings:
     camera_settle: float = 0.5
 
 
+@dataclass(frozen=True)
+class Network:
+    """How the network of an emulated robot behaves; times by the cell's clock [s].
+
+    delay, jitter: each message takes `delay` plus or minus up to `jitter`. loss: share of lost messages.
+    reordering: a message may overtake an earlier one of its topic. repeat: a second node publishes each joint
+    state again, so much later; 0 for none. clock_ahead: lead of the robot's clock over the cell's. picture_period:
+    time between two pictures. master_silent_from, master_silent_for: when the ROS master stops to answer, and for
+    how long, by the wall clock since the cell was opened; 0 for never."""
+
+    delay: float = 0.0
+    jitter: float = 0.0
+    loss: float = 0.0
+    reordering: bool = False
+    repeat: float = 0.0
+    clock_ahead: float = 0.0
+    picture_period: float = 0.2
+    master_silent_from: float = 0.0
+    master_silent_for: float = 0.0
+
+
 class Connect(Protocol):
     def __call__(
         self, settings: RosSettings, limits: JointLimits, attendant: Callable[[Stop], Attendant], *, driver: str,
@@ -64,10 +85,10 @@ class EmulatedRobot(Protocol):
 
 class Emulate(Protocol):
     def __call__(
-        self, ports: Ports, topics: CameraTopics, patience: float
+        self, ports: Ports, topics: CameraTopics, patience: float, network: Network, tell: Callable[[str], None]
     ) -> AbstractContextManager[EmulatedRobot]:
         """Open the topics of an emulated robot. patience: wall time for which it waits for the next command after
-        a command [s]."""
+        a command [s]. tell: called once for each kind of order that it does not execute."""
 
 
 @dataclass(frozen=True)

@@ -41,6 +41,7 @@ def foldcell(*arguments: str) -> tuple[int, dict[str, Any]]:
         env={**os.environ, "ROS_MASTER_URI": "http://192.0.2.1:11311"},  # a robot that must not be contacted
     )  # fmt: skip
     assert done.stdout.strip(), done.stderr
+    assert "does not execute an order" not in done.stderr, done.stderr
     return done.returncode, json.loads(done.stdout.splitlines()[-1])
 
 

@@ -163,6 +163,24 @@ def test_files_named_by_the_invariants_exist(rule: str, path: str) -> None:
     )
 
 
+def test_each_rule_of_the_emulator_has_a_source_and_a_test_that_exists() -> None:
+    page = (ROOT / "docs" / "look_up" / "emulator.md").read_text(encoding="utf-8")
+    listed = page.partition("Sources:")[2].partition("The tests are in")[0]
+    published = set(re.findall(r"\*\*([^*]+)\*\*", listed))
+    rows = [
+        [cell.strip() for cell in row.strip("|").split("|")] for row in page.splitlines() if row.startswith("|")
+    ]
+    rules = [row for row in rows if len(row) == 3 and "---" not in row[0] and row[2] != "test"]
+    assert len(rules) > 35
+    for rule, source, tests in rules:
+        assert set(re.split(r", | \(|; ", source)) & published, f"'{rule}' has no source"
+        held = re.findall(r"`([\w/]+\.py)::(test_\w+)`", tests)
+        assert held and tests.count("::") == len(held), rule
+        for path, name in held:
+            file = ROOT / "tests" / "unit" / "robots" / path
+            assert f"\ndef {name}(" in file.read_text(encoding="utf-8"), f"{path} has no {name}"
+
+
 def test_every_file_named_in_the_docs_exists() -> None:
     rooms = "|".join(ROOMS)
     named = {path for _, path in found(rf"(?:^|\s)((?:{rooms})/[\w./-]+\.(?:py|yaml|md|json|png|html))\b")}

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import atexit
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -26,7 +27,7 @@ from foldcell.cell.simulation.simulated_cell import Checkpoint, Display, Simulat
 from foldcell.robots.errors import ConfigurationError, DriverError, FailureKind
 from foldcell.robots.model import JointLimits
 from foldcell.robots.ports import BoardPlace, CameraFrame
-from foldcell.robots.ros.driver import RosDriver, RosSettings
+from foldcell.robots.ros.driver import Network, RosDriver, RosSettings
 
 __all__ = ["emulated_cell"]
 
@@ -41,16 +42,21 @@ _starting = threading.Lock()
 
 @contextmanager
 def emulated_cell(
-    settings: SimulationSettings, seed: int, robot: RosDriver, ros: RosSettings, limits: JointLimits
+    settings: SimulationSettings,
+    seed: int,
+    robot: RosDriver,
+    ros: RosSettings,
+    network: Network,
+    limits: JointLimits,
 ) -> Iterator[SimulatedCell]:
-    """Open a simulated cell whose ports are those of the driver `robot`. limits: the driver clips set-points to
-    them.
+    """Open a simulated cell whose ports are those of the driver `robot`. network: how its messages travel. limits:
+    the driver clips set-points to them.
 
     Raises ConfigurationError if ROS is missing, and the errors of `open_simulated_cell`.
     """
     _start_master()
     with ExitStack() as closing:
-        world = _World(settings, seed, ros)
+        world = _World(settings, seed, ros, network)
         closing.callback(world.close)
         attendant = _Attendant()
         bind([attendant], world)
@@ -58,6 +64,7 @@ def emulated_cell(
         ports = closing.enter_context(
             robot.connect(ros, limits, lambda _: attendant, driver="emulator", simulated=True)
         )
+        closing.enter_context(_silent_master(network.master_silent_from, network.master_silent_for))
 
         def display() -> Callable[[], CameraFrame | None]:
             frame = ports.camera.glimpse()
@@ -85,11 +92,11 @@ class _Attendant:
 class _World:
     """Access to the parts of the world that the executive does not see, over a pipe to its process."""
 
-    def __init__(self, settings: SimulationSettings, seed: int, ros: RosSettings) -> None:
+    def __init__(self, settings: SimulationSettings, seed: int, ros: RosSettings, network: Network) -> None:
         self._process = ServerProcess("foldcell.cell.simulation.emulator.emulator_process", silent=False)
         self._asking = threading.Lock()
         try:
-            self._process.send((settings, seed, ros.camera))
+            self._process.send((settings, seed, ros.camera, network))
             self._answer(START_S)
         except BaseException:
             self.close()
@@ -134,6 +141,25 @@ class _Faults:
 
     def add(self, fault: Fault) -> None:
         self._world.ask("inject", fault)
+
+
+@contextmanager
+def _silent_master(begin: float, seconds: float) -> Iterator[None]:
+    """Suspend the master `begin` seconds from now, for `seconds`, at most until the context ends."""
+    assert _master is not None
+    timers = [
+        threading.Timer(after, _master.send_signal, (number,))
+        for after, number in ((begin, signal.SIGSTOP), (begin + seconds, signal.SIGCONT))
+    ]
+    for timer in timers if seconds else ():
+        timer.daemon = True
+        timer.start()
+    try:
+        yield
+    finally:
+        for timer in timers:
+            timer.cancel()
+        _master.send_signal(signal.SIGCONT)
 
 
 def _start_master() -> None:

@@ -39,19 +39,23 @@ def main() -> None:
     sys.setswitchinterval(SWITCH_S)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     connection = Connection(int(sys.argv[1]))
-    settings, seed, topics = connection.recv()
+    settings, seed, topics, network = connection.recv()
     with ExitStack() as closing:
         try:
             cell = closing.enter_context(open_simulated_cell(settings, seed))
             driver = find_robot(settings.robot).driver
             assert driver is not None  # checked before this process was started
-            emulator = closing.enter_context(driver.emulate(cell.ports, topics, PATIENCE_S))
+            emulator = closing.enter_context(driver.emulate(cell.ports, topics, PATIENCE_S, network, _tell))
         except CellError as error:
             connection.send(error)
             return
         gc.collect()
         gc.freeze()
         _serve(connection, cell, emulator)
+
+
+def _tell(what: str) -> None:
+    print(f"the robot does not execute an order on {what}", file=sys.stderr, flush=True)
 
 
 def _serve(connection: Connection, cell: SimulatedCell, emulator: EmulatedRobot) -> None:

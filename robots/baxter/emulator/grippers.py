@@ -44,6 +44,7 @@ class GripperReport:
     ready: bool
     moving: bool
     gripping: bool
+    missed: bool
     position: float
     force: float
     refusal: str
@@ -106,13 +107,15 @@ class ElectricGripper:
     def report(self) -> GripperReport:
         state = self._port.state()
         force = _share(state.force, FULL_FORCE)
+        gripping = not state.moving and force > GRIPPING
         sender, sequence = self._last or ("", 0)
         return GripperReport(
             stamp=state.stamp,
             calibrated=self._calibrated(),
-            ready=self._calibrated() and not state.moving,
+            ready=not (state.moving or self._calibrating),
             moving=state.moving,
-            gripping=not state.moving and force > GRIPPING,
+            gripping=gripping,
+            missed=self._command == GO and not (state.moving or gripping or self._refusal),
             position=_share(state.opening, self._port.max_opening),
             force=force,
             refusal=self._refusal or self._error,

@@ -20,7 +20,7 @@ class InitialState:
 
     enabled: the motors are on. stopped: the red button was pressed and released, and the robot was not reset.
     head_pan: angle of the head [rad], if it was moved. timeout: validity of a joint command [s]. speed_ratio:
-    fraction of full speed of moves in position mode.
+    fraction of full speed of moves in position mode. state_rate: rate of the joint states [Hz].
     """
 
     calibrated: bool = False
@@ -32,6 +32,7 @@ class InitialState:
     head_pan: float | None = None
     timeout: float = 0.2
     speed_ratio: float = 0.3
+    state_rate: int = 100
 
 
 NEW = InitialState()
@@ -44,4 +45,5 @@ USED = InitialState(
     head_pan=0.3,
     timeout=1.0,
     speed_ratio=0.1,
+    state_rate=30,
 )

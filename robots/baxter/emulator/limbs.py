@@ -56,10 +56,10 @@ class Limb:
     def hear(self, mode: int, names: Sequence[str], values: Sequence[float], at: float, now: float) -> str | None:
         """Take a JointCommand that arrived at time `at`. Returns the reason if it is not executed, otherwise None.
 
-        A command in an unsupported mode makes the arm hold. A malformed command changes nothing, and neither does
-        a command that expired before it was read.
+        Joints that are not named stay at their last set-point. A command in an unsupported mode makes the arm
+        hold. A malformed command changes nothing, and neither does a command that expired before it was read.
         """
-        if len(names) != len(values) or sorted(names) != sorted(self._names):
+        if not names or len(names) != len(values) or len({*names} & {*self._names}) != len(names):
             return f"a command of {len(values)} values for {', '.join(names) or 'no joints'}"
         if not all(math.isfinite(value) for value in values):
             return "a command that is not a number"
@@ -70,8 +70,9 @@ class Limb:
             self._newest = self._before = None
             self._held = self._there[1] if self._there is not None else self._held
             return f"mode {mode}: it holds (modes {POSITION} and {RAW_POSITION} are emulated)"
-        by_name = dict(zip(names, values, strict=True))
-        command = _Command(at, np.array([by_name[name] for name in self._names], dtype=np.float64), mode)
+        q = np.full(len(self._names), np.nan) if self._held is None else np.array(self._held, dtype=np.float64)
+        q[[self._names.index(name) for name in names]] = values
+        command = _Command(at, q, mode)
         if self._newest is not None and self._newest.at < at:
             self._before = self._newest
         self._newest, self._held = command, command.q
@@ -85,10 +86,11 @@ class Limb:
         return None
 
     def hear_speed_ratio(self, ratio: float) -> str | None:
-        """Set the speed ratio. Returns the reason if the message is not accepted, otherwise None."""
-        if not 0.0 < ratio <= 1.0:
+        """Set the speed ratio, clipped to 0 to 1. Returns the reason if the message is not accepted, otherwise
+        None."""
+        if math.isnan(ratio):
             return f"a speed ratio of {ratio}"
-        self.speed_ratio = ratio
+        self.speed_ratio = min(max(ratio, 0.0), 1.0)
         return None
 
     def fresh(self, now: float) -> bool:
@@ -116,6 +118,8 @@ class Limb:
         """Return the commanded position and velocity (7,), (7,), without a speed limit."""
         if self._held is None:
             self._held = np.array(standing)
+        elif np.isnan(self._held).any():  # joints without a set-point so far
+            self._held = np.where(np.isnan(self._held), standing, self._held)
         late = now - self._heard - TICK
         if self._newest is None or late > MAX_DELAY + ROUNDING or not self.fresh(now):
             return self._held, np.zeros(7)
@@ -126,7 +130,8 @@ class Limb:
         """Return the velocity (7,) from the last two commands, clipped to the joints' limits [rad/s]."""
         if self._newest is None or self._before is None:
             return np.zeros(7)
-        interval = self._newest.at - self._before.at
+        interval = max(self._newest.at - self._before.at, TICK)  # programs send no faster; networks may deliver so
         if interval > MAX_INTERVAL + ROUNDING:
             return np.zeros(7)
-        return np.clip((self._newest.q - self._before.q) / interval, -FULL_SPEED, FULL_SPEED)
+        turned = np.nan_to_num(self._newest.q - self._before.q)
+        return np.clip(turned / interval, -FULL_SPEED, FULL_SPEED)

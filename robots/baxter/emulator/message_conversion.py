@@ -8,17 +8,17 @@ import numpy as np
 
 from foldcell.robots.baxter.emulator.grippers import GripperReport
 from foldcell.robots.baxter.emulator.motors import Button, MotorState
-from foldcell.robots.baxter.names import ARM_JOINTS, JOINT_NAMES
+from foldcell.robots.baxter.names import JOINT_NAMES
 from foldcell.robots.baxter.ros.electric_gripper import HARDWARE_ID
 from foldcell.robots.baxter.ros.messages import Messages
-from foldcell.robots.ports import CameraFrame, JointState, Side, TactileReading
+from foldcell.robots.ports import CameraFrame, JointState, TactileReading
 
 __all__ = ["assembly_state", "gripper_state", "header", "joint_state", "picture", "ros_time", "tactile_state"]
 
-NOD, PAN = "head_nod", "head_pan"
-PUBLISHED = (NOD, PAN, *(f"{side}_{joint}" for side in Side for joint in sorted(ARM_JOINTS)))
+NOD, PAN, TORSO = "head_nod", "head_pan", "torso_t0"
+PUBLISHED = (NOD, PAN, *sorted(JOINT_NAMES), TORSO)
 """Joint names in Baxter's order, which is alphabetical."""
-INDEX = [JOINT_NAMES.index(name) for name in PUBLISHED[2:]]
+INDEX = [JOINT_NAMES.index(name) for name in PUBLISHED[2:-1]]
 OPTICAL_FRAME = "camera_rgb_optical_frame"
 
 
@@ -36,9 +36,9 @@ def joint_state(messages: Messages, state: JointState) -> Any:
     return messages.joint_state(
         header=header(messages, state.stamp),
         name=list(PUBLISHED),
-        position=[0.0, state.head_pan, *state.q[INDEX].tolist()],
-        velocity=[0.0, 0.0, *state.qd[INDEX].tolist()],
-        effort=[0.0, 0.0, *state.effort[INDEX].tolist()],
+        position=[0.0, state.head_pan, *state.q[INDEX].tolist(), 0.0],
+        velocity=[0.0, 0.0, *state.qd[INDEX].tolist(), 0.0],
+        effort=[0.0, 0.0, *state.effort[INDEX].tolist(), 0.0],
     )
 
 
@@ -70,7 +70,7 @@ def gripper_state(messages: Messages, report: GripperReport) -> Any:
         ready=int(report.ready),
         moving=int(report.moving),
         gripping=int(report.gripping),
-        missed=0,
+        missed=int(report.missed),
         error=int(bool(report.refusal)),
         reverse=0,
         position=report.position,
@@ -94,13 +94,13 @@ def tactile_state(messages: Messages, reading: TactileReading) -> Any:
 
 
 def picture(messages: Messages, frame: CameraFrame) -> tuple[Any, Any, Any]:
-    """Return colour (rgb8), depth (32FC1 [m], NaN where there is no value) and CameraInfo, with the same stamp."""
+    """Return colour (rgb8), depth (16UC1 [mm], 0 where there is no value) and CameraInfo, with the same stamp."""
     h, w = frame.depth.shape
     top = header(messages, frame.stamp, OPTICAL_FRAME)
     k = frame.intrinsics.matrix
     return (
         _image(messages, top, "rgb8", np.ascontiguousarray(frame.rgb, np.uint8)),
-        _image(messages, top, "32FC1", np.ascontiguousarray(frame.depth, "<f4")),
+        _image(messages, top, "16UC1", np.nan_to_num(1e3 * frame.depth).round().clip(0, 65535).astype("<u2")),
         messages.camera_info(
             header=top,
             height=h,

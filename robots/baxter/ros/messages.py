@@ -151,6 +151,7 @@ def load_messages() -> Messages:
         bool=std.Bool,
         empty=std.Empty,
         float64=std.Float64,
+        uint16=std.UInt16,
         header=std.Header,
         time=import_ros("genpy").Time,
     )

@@ -10,6 +10,7 @@ __all__ = [
     "HEAD_COMMAND",
     "HEAD_STATE",
     "JOINT_STATES",
+    "JOINT_STATE_RATE",
     "RESET",
     "ROBOT_STATE",
     "STOP",
@@ -25,7 +26,9 @@ __all__ = [
 CLOCK = "/clock"
 """rosgraph_msgs/Clock, only if the parameter /use_sim_time is true."""
 JOINT_STATES = "/robot/joint_states"
-"""sensor_msgs/JointState of arms and head_pan, 100 Hz, in any order of names."""
+"""sensor_msgs/JointState of arms and head_pan, in any order of names."""
+JOINT_STATE_RATE = "/robot/joint_state_publish_rate"
+"""std_msgs/UInt16: rate of JOINT_STATES [Hz], 100 by default."""
 ROBOT_STATE = "/robot/state"
 """AssemblyState: motors, stop and emergency button."""
 ENABLE = "/robot/set_super_enable"

@@ -14,6 +14,7 @@ from foldcell.robots.baxter.ros.ports.latest_message import LatestMessage
 from foldcell.robots.baxter.ros.ports.stop import RosStop
 from foldcell.robots.baxter.ros.topics import (
     ENABLE,
+    JOINT_STATE_RATE,
     JOINT_STATES,
     command_timeout,
     inverse_dynamics,
@@ -29,6 +30,8 @@ from foldcell.robots.setpoint import clip_setpoint
 __all__ = ["RosArms"]
 
 COMMAND_TIMEOUT = 0.2
+STATE_RATE = 100
+"""Rate of the joint states [Hz]."""
 ENABLE_S = 2.0
 TICK_S = 0.05
 SILENT_S = 1.0
@@ -52,12 +55,13 @@ class RosArms:
         self.command_timeout = COMMAND_TIMEOUT
         self._messages, self._clock, self._stop, self._limits, self._raw = messages, clock, stop, limits, raw
         self._sent: JointSetpoint | None = None
-        self.joints = LatestMessage(node, clock, JOINT_STATES, messages.joint_state, _joint_state, watch)
+        self.joints = LatestMessage(node, clock, JOINT_STATES, messages.joint_state, _joint_state, watch, True)
         self._enable = node.publisher(ENABLE, messages.bool)
         self._commands = {side: node.publisher(joint_command(side), messages.joint_command) for side in Side}
         self._dynamics = {
             side: node.publisher(inverse_dynamics(side), messages.joint_trajectory_point) for side in Side
         }
+        node.publisher(JOINT_STATE_RATE, messages.uint16, latch=True).tell(messages.uint16(STATE_RATE))
         for side in Side:
             node.publisher(speed_ratio(side), messages.float64, latch=True).tell(messages.float64(1.0))
             node.publisher(command_timeout(side), messages.float64, latch=True).tell(

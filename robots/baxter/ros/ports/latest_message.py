@@ -11,12 +11,17 @@ from foldcell.robots.ros.node import Node
 
 __all__ = ["LatestMessage"]
 
+SET_BACK_S = 1.0
+"""A message that is older than the latest one by less than this was overtaken by it, or was repeated [s]. If it is
+older by more, the sender's clock was set back."""
+
 T = TypeVar("T")
 
 
 class LatestMessage(Generic[T]):
     """Holds the latest valid message of a topic. read: (message, time of arrival [s]) -> value, or None for an
-    invalid message, which is then ignored. then: called with each value, on the topic's thread."""
+    invalid message, which is then ignored. then: called with each value, on the topic's thread. in_order: ignore
+    messages that were sent before the latest one, by the stamps in their headers."""
 
     def __init__(
         self,
@@ -26,10 +31,12 @@ class LatestMessage(Generic[T]):
         kind: Any,
         read: Callable[[Any, float], T | None],
         then: Callable[[T], None] = lambda value: None,
+        in_order: bool = False,
     ) -> None:
         self.topic = topic
         self._clock, self._read, self._then = clock, read, then
         self._newest: T | None = None
+        self._in_order, self._sent = in_order, 0.0
         self._arrived = Condition()
         node.subscribe(topic, kind, self._hear)
 
@@ -44,9 +51,11 @@ class LatestMessage(Generic[T]):
             return self._arrived.wait_for(lambda: self._newest is not None, seconds)
 
     def _hear(self, message: Any) -> None:
+        sent = message.header.stamp.to_sec() if self._in_order else 0.0
         value = self._read(message, self._clock.now())
-        if value is None:
+        if value is None or (sent and 0.0 <= self._sent - sent < SET_BACK_S):
             return
+        self._sent = sent
         with self._arrived:
             self._newest = value
             self._arrived.notify_all()

@@ -23,7 +23,8 @@ class RosTactile:
         self.side, self._rows = side, rows
         self._shape: tuple[int, ...] | None = None
         """Shape of the pads in the first message."""
-        self.hearing = LatestMessage(node, clock, tactile(side), load_messages().tactile_state, self._read)
+        kind = load_messages().tactile_state
+        self.hearing = LatestMessage(node, clock, tactile(side), kind, self._read, in_order=True)
 
     def reading(self) -> TactileReading:
         """Return the latest reading, with its time of arrival. Before the first message its values are NaN and its

@@ -15,7 +15,7 @@ from foldcell.cell.config.cell_settings import RENAMED_KEYS, CellSettings, defau
 from foldcell.cell.config.yaml_file import merge, read_yaml
 from foldcell.cell.hardware.camera import camera_calibration
 from foldcell.robots.errors import ConfigurationError
-from foldcell.robots.ros.driver import CameraTopics, RosSettings
+from foldcell.robots.ros.driver import CameraTopics, Network, RosSettings
 from foldcell.skills.cloth.pinch import PadGeometry
 
 
@@ -289,6 +289,7 @@ def test_the_shipped_thresholds_are_those_that_the_skills_were_tested_with() -> 
     settings = load_settings()
     assert settings.gripper.pads == PadGeometry()
     assert settings.ros.settings() == RosSettings()
+    assert settings.network.settings() == Network()
 
 
 def test_the_robots_topics_reach_the_driver(tmp_path: Path) -> None:
@@ -298,6 +299,15 @@ def test_the_robots_topics_reach_the_driver(tmp_path: Path) -> None:
     )
     camera = CameraTopics("/a/b", "/c", "/d/e_1")
     assert load_settings(tmp_path / "cell.yaml").ros.settings() == RosSettings(camera, True, 6, 1.5)
+
+
+def test_the_network_of_the_emulator_can_be_set(tmp_path: Path) -> None:
+    (tmp_path / "cell.yaml").write_text(
+        "network: {delay: 0.02, jitter: 0.01, loss: 0.03, reordering: true, repeat: 0.1, clock_ahead: -5.0, "
+        "picture_period: 1.0, master_silent_from: 20.0, master_silent_for: 5.0}"
+    )
+    expected = Network(0.02, 0.01, 0.03, True, 0.1, -5.0, 1.0, 20.0, 5.0)
+    assert load_settings(tmp_path / "cell.yaml").network.settings() == expected
 
 
 @pytest.mark.parametrize("topic", ["camera/rgb", "/", "/a//b", "/1a", "/a b", ""])
@@ -313,7 +323,8 @@ def test_every_settings_key_is_used() -> None:
     sources = [p for p in root.rglob("*.py") if p.name != "cell_settings.py"]
     names = {n.attr for p in sources for n in ast.walk(ast.parse(p.read_text())) if isinstance(n, ast.Attribute)}
     for group, keys in yaml.safe_load(default_settings_path().read_text()).items():
-        if isinstance(keys, dict) and group not in ("table", "perception", "inspection", "grasp", "ros"):
+        tested = ("table", "perception", "inspection", "grasp", "ros", "network")
+        if isinstance(keys, dict) and group not in tested:
             assert keys.keys() <= names, group
 
 

@@ -87,6 +87,7 @@ def meet(serve: Serve, cell: Cell) -> Meet:
         wait(lambda: program.clock.all, "a robot")
         with connected(RosSettings(), LIMITS, lambda stop: Person(), driver="emulator", simulated=True) as ports:
             yield ports, program
+        assert program.told == [], "the robot executes all orders of the driver"
 
     return opened
 
@@ -126,10 +127,11 @@ def test_the_hands_are_calibrated_and_follow_commands(
 def test_the_arms_keep_the_commanded_speed_and_hold_after_the_timeout(
     meet: Meet, cell: Cell, past: InitialState
 ) -> None:
-    """Speed and timeout do not depend on earlier commands to the robot."""
+    """Speed, timeout and the rate of the joint states do not depend on earlier commands to the robot."""
     with meet(past) as (ports, program):
         limbs = program.emulator._limbs.values()
         wait(lambda: all((limb.speed_ratio, limb.timeout) == (1.0, 0.2) for limb in limbs), "they are told")
+        wait(lambda: program.emulator._state_rate == 100, "the rate is told")
         ports.arms.enable()
         assert program.robot.newest.enabled
         q0 = ports.arms.state().q

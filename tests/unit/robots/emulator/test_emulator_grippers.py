@@ -82,6 +82,28 @@ def test_go_is_refused_until_the_gripper_is_calibrated() -> None:
     assert talk.port.done == ["calibrate", (0.5 * STROKE, 0.3 * FULL_FORCE)]
 
 
+def test_a_gripper_without_a_calibration_is_ready_for_one() -> None:
+    """The SDK waits for this state after it has cleared a calibration."""
+    talk = Talk()
+    assert not talk.say("clear_calibration")
+    assert (talk.gripper.report().calibrated, talk.gripper.report().ready) == (False, True)
+    assert not talk.say("calibrate")
+    talk.port.moving = True
+    assert not talk.gripper.report().ready
+
+
+def test_pads_that_close_on_nothing_have_missed() -> None:
+    talk = Talk()
+    assert not talk.gripper.report().missed
+    talk.say("go", {"position": 0})
+    talk.port.moving = True
+    assert not talk.gripper.report().missed
+    talk.port.moving, talk.port.force = False, 0.5 * FULL_FORCE
+    assert talk.gripper.report().gripping and not talk.gripper.report().missed
+    talk.port.force = 0.0
+    assert talk.gripper.report().missed and not talk.gripper.report().gripping
+
+
 def test_a_repeated_command_is_done_once() -> None:
     talk = Talk()
     for _ in range(3):

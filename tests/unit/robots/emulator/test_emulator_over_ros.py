@@ -44,13 +44,36 @@ def test_joint_states_and_simulated_time_are_published(serve: Serve, cell: FakeC
     assert program.param("/use_sim_time") is True and program.param("/rethink/software_version") == "1.2.0"
     message = program.joints.newest
     assert message.name[:4] == ["head_nod", "head_pan", "left_e0", "left_e1"]
-    assert message.name[2:] == sorted(JOINT_NAMES)
+    assert message.name[2:] == [*sorted(JOINT_NAMES), "torso_t0"]
     np.testing.assert_array_equal(vector(message), cell.q)
     program.let(0.1)
     stamps = [m.header.stamp.to_sec() for m in program.joints.all]
     assert np.diff(stamps).min() > 0.009
     program.end()
     assert program.param("/use_sim_time") is None
+
+
+def test_the_rate_of_the_joint_states_can_be_set(serve: Serve, cell: FakeCell) -> None:
+    program = serve(cell.ports())
+    rate = program.publisher(topics.JOINT_STATE_RATE, program.m.uint16)
+    rate.publish(program.m.uint16(20))
+    program.let(0.2)
+    begun = len(program.joints.all)
+    program.let(1.0)
+    assert 18 <= len(program.joints.all) - begun <= 22
+    rate.publish(program.m.uint16(0))
+    wait(lambda: program.told, "told that this is no rate")
+
+
+def test_orders_to_motors_that_are_off_are_reported(serve: Serve, cell: FakeCell) -> None:
+    program = serve(cell.ports())
+    program.let(0.1)
+    to = program.publisher(topics.joint_command(Side.LEFT), program.m.joint_command)
+    head = program.publisher(topics.HEAD_COMMAND, program.m.head_pan_command)
+    to.publish(shuffled(program, Side.LEFT, cell.q))
+    head.publish(program.m.head_pan_command(0.1, 1.0, 1))
+    wait(lambda: len(program.told) == 2, "told")
+    assert all("motors are off" in told for told in program.told) and cell.commands == []
 
 
 def test_the_cell_clock_is_published_after_the_states_of_its_time(serve: Serve, cell: FakeCell) -> None:
@@ -323,8 +346,10 @@ def test_pictures_are_taken_only_for_subscribers(serve: Serve, cell: FakeCell) -
         assert message.data == frame.rgb.tobytes()
     for message in depth.all[:3]:
         frame = frames[round(message.header.stamp.to_sec(), 6)]
-        assert (message.encoding, message.height, message.width, message.step) == ("32FC1", 4, 5, 20)
-        np.testing.assert_array_equal(np.frombuffer(message.data, "<f4").reshape(4, 5), frame.depth)
+        assert (message.encoding, message.height, message.width, message.step) == ("16UC1", 4, 5, 10)
+        millimetres = np.frombuffer(message.data, "<u2").reshape(4, 5)
+        np.testing.assert_array_equal(millimetres == 0, np.isnan(frame.depth))
+        np.testing.assert_allclose(millimetres, np.nan_to_num(1e3 * frame.depth), atol=0.5)
     stamps = {m.header.stamp for m in rgb.all}
     assert stamps & {m.header.stamp for m in depth.all} & {m.header.stamp for m in info.all}
     assert list(info.newest.K) == [6.0, 0.0, 2.5, 0.0, 7.0, 1.5, 0.0, 0.0, 1.0]
