@@ -60,7 +60,7 @@ hil: setup             ## the scripted runs of tests/hil in the simulated cell
 	$(BIN)/foldcell hil tests/hil
 
 # the viewer is drawn without a screen, but not without a graphics driver: on Debian mesa-vulkan-drivers
-docs: setup            ## the pictures of README and docs, from three runs (needs a graphics driver)
+docs: setup            ## the pictures of README and docs, from runs (needs a graphics driver)
 	$(BIN)/python -m benchmarks.pictures
 	$(BIN)/python -m benchmarks.film
 

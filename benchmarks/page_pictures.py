@@ -20,7 +20,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.operator.chromium import Chromium, Tab
+from benchmarks.operator.chromium import Chromium, Tab, keep_picture
 from benchmarks.photographs.photograph import draw
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.hardware.driver import OpenCell
@@ -35,7 +35,6 @@ GARMENT, SEED = "small_towel", 5
 KEY_POINTS, PHOTOGRAPH = "page_key_points", 9
 LIKE = ["--like", "long_sleeve_shirt_small", "--length", "0.40", "--between", "hem_right,hem_left"]
 DRAGGED, DRAG = "cuff_lower_left", (-8.0, 42.0)
-QUALITY = 82
 LONGEST_S = 900.0
 MISSES = 4
 """Grasps that miss, until the recovery table has nothing left to try."""
@@ -46,9 +45,7 @@ def main() -> int:
 
     def keep(name: str, tab: Tab) -> None:
         if not wanted or name in wanted:
-            picture = cv2.imdecode(np.frombuffer(tab.screenshot(), np.uint8), cv2.IMREAD_COLOR)
-            assert picture is not None
-            cv2.imwrite(str(FOLDER / f"{name}.webp"), picture, [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
+            keep_picture(tab.screenshot(), FOLDER / f"{name}.webp")
             print(name, flush=True)
 
     if not wanted or KEY_POINTS in wanted:

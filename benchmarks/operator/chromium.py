@@ -13,16 +13,27 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import cv2
+import numpy as np
 from websockets.sync.client import ClientConnection, connect
 
 from foldcell.robots.errors import ConfigurationError
 
-__all__ = ["Chromium", "Tab"]
+__all__ = ["Chromium", "Tab", "keep_picture"]
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
 SIZE = 1600, 1000
 """Size of the window [px]."""
 START_S, ANSWER_S = 60.0, 120.0
+QUALITY = 82
+"""Of the pictures of docs."""
+
+
+def keep_picture(png: bytes, path: Path) -> None:
+    """Write the content of a PNG file as the WebP picture `path`."""
+    picture = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
+    assert picture is not None
+    cv2.imwrite(str(path), picture, [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
 
 
 class Tab:
@@ -67,6 +78,12 @@ class Tab:
     def screenshot(self) -> bytes:
         """Return what the tab shows now, as the content of a PNG file."""
         return base64.b64decode(self.call("Page.captureScreenshot")["data"])
+
+    def resize(self, width: int, height: int) -> None:
+        """Give the tab a window of this size [px]."""
+        self.call(
+            "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False
+        )
 
     def outside(self, origin: str) -> list[str]:
         """Return the requests that left for another place than `origin` (http://HOST:PORT)."""

@@ -45,7 +45,7 @@ def screenshot(recording: Path, picture: Path, t: float | None = None, view: str
             viewer.set_time(TIMELINE, duration=_end(viewer) if t is None else t, play_state="paused")
             time.sleep(SETTLE_S)
             data = viewer.take_screenshot(_view_id(viewer, view) if view else None)
-    except RuntimeError as error:
+    except (RuntimeError, ConnectionError) as error:  # the viewer may end without an answer
         raise CellError(
             f"the viewer could not draw {recording}: {error}",
             "a graphics driver is needed: apt-get install mesa-vulkan-drivers",
