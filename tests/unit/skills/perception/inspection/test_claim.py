@@ -22,6 +22,8 @@ from foldcell.skills.perception.inspection.claiming import (
     displacement_of,
 )
 from foldcell.skills.perception.inspection.height_expectation import CameraBias, IdealHeights, Normal
+from foldcell.skills.perception.inspection.moved_edge import MovedEdge
+from foldcell.skills.perception.inspection.result import Inspection
 from foldcell.skills.perception.inspection.target_view import StackHeights, TargetView
 from foldcell.skills.plane import rotation
 from foldcell.skills.vocabulary import FailureKind
@@ -156,6 +158,31 @@ def test_layers_that_were_disturbed_and_are_hidden_since_count_as_unknown() -> N
     near = S.claim.iou + 0.0045
     sure, doubt = (claimed(iou=near, folds=SeenFolds(hidden=h)) for h in ((), ("half",)))
     assert sure.holds and not doubt.holds, "one more doubt refutes a claim near its limit"
+
+
+def _fold(outline_mm: float, corner_mm: float) -> Inspection:
+    """An inspection with this deviation of the outline, and this lag of the moved edge's first end."""
+    lag = np.array([corner_mm, *(0.0,) * 9]) * 1e-3
+    return inspection(edge_deviation_m=1e-3 * outline_mm, edge=MovedEdge(np.repeat(lag, 2), 0.005))
+
+
+@pytest.mark.parametrize(
+    ("folds", "hidden", "least", "most"),
+    [  # recorded deviations [mm]: a good run, two with a cuff 31 mm off, one with an edge 54 mm off
+        (((2.6, 0.0), (1.8, 1.6)), 0, 0.97, 1.0),
+        (((-7.6, 15.8), (-7.2, 8.5)), 1, 0.70, 0.82),
+        (((12.6, 0.0), (-12.3, 8.3)), 1, 0.6, 0.7),
+        (((2.1, 0.0), (15.3, 6.0)), 0, 0.4, 0.6),
+    ],
+)
+def test_the_farther_off_the_folds_were_seen_the_less_sure_is_the_claim(
+    folds: tuple[tuple[float, float], ...], hidden: int, least: float, most: float
+) -> None:
+    """A later fold hides an edge, and the key point under it may lie further off than the outline had shown."""
+    earlier = tuple(_fold(*deviations) for deviations in folds)
+    claim = claimed(height=0.010, folds=SeenFolds((), ("sleeve",) * hidden, earlier))
+    probable = claim.reliability if claim.holds else 1.0 - claim.reliability
+    assert least < probable < most and claim.shape is (probable >= SURE)
 
 
 def test_the_camera_does_not_see_all_relief_and_the_more_there_is_the_less_is_known() -> None:
