@@ -30,7 +30,7 @@ from foldcell.cell.simulation.truth import GarmentTruth, Truth
 from foldcell.cell.simulation.world_camera import WorldCamera
 from foldcell.robots.bullet.body import pb
 from foldcell.robots.depth_averaging import EVERY_S, EXPOSURES
-from foldcell.robots.errors import ConfigurationError, DriverError, FailureKind
+from foldcell.robots.errors import DriverError, FailureKind
 from foldcell.robots.ports import BoardPlace, CameraFrame, Side, frozen
 from foldcell.robots.registry import find_robot
 from foldcell.skills.garments.garment import Garment
@@ -71,16 +71,11 @@ class World:
         self._steps, self._time = 0, 0.0
         self._pace: tuple[float, float] | None = None
         self._watcher: Callable[[Truth], None] | None = None
-        self._on_advance: Callable[[bool], None] | None = None
+        self._on_advance: Callable[[bool], None] = lambda rests: None
         self._client = _open_physics()
         body = design.simulation.body(self._client)
         body.let_fingers_through(_load_table(self._client, settings.table))
         q_start = model.q_park if settings.q_start is None else np.array(settings.q_start)
-        if len(q_start) != len(model.joint_names):
-            raise ConfigurationError(
-                f"q_start has {len(q_start)} joints",
-                f"it takes {len(model.joint_names)}: left arm, then right",
-            )
         ideal = not settings.robot_noise
         self.robot = SimulatedRobot(
             body, design.simulation, model, noise.robot, rng["robot"], np.array(q_start), ideal
@@ -131,8 +126,7 @@ class World:
             self._world_faults.before_frame()
             if self.garment.laid:
                 self.hands.frame()
-            if self._on_advance is not None:
-                self._on_advance(False)
+            self._on_advance(False)
         if self._watcher is not None and self._steps % (STEP_RATE // WATCH_RATE) == 0:
             self._watcher(replace(self.truth(), stamp=t))
 
@@ -145,16 +139,12 @@ class World:
         stands still. It must change nothing in the world."""
         self._on_advance = tell
 
-    def _rest(self) -> None:
-        if self._on_advance is not None:
-            self._on_advance(True)
-
     # attendant
 
     def lay_garment(self) -> None:
         """Let the attendant lay the garment, which takes cell time."""
         if not self.garment.laid and self.faults.take(FaultKind.NO_GARMENT) is None:
-            self._rest()
+            self._on_advance(True)
             self.garment.lay()
         self.sleep_until(self._time + self.noise.attendant.lay_time)
 
@@ -177,7 +167,7 @@ class World:
 
     def glimpse(self, exposures: int = 1) -> CameraFrame:
         """Take a picture without waiting: one exposure, or the mean of several."""
-        self._rest()
+        self._on_advance(True)
         return self._camera.picture(exposures, self._world_faults)
 
     def display(self) -> Callable[[], CameraFrame]:
@@ -214,7 +204,7 @@ class World:
         self.hands.resume(plain)
         self.robot.resume(robot, plain["robot"], self.hands.openings)
         self.hands.place()
-        self._camera.pictures = plain["pictures"]
+        self._camera.resume(plain["pictures"])
 
     # ground truth
 

@@ -73,13 +73,13 @@ class WorldCamera:
 
     @property
     def pictures(self) -> int:
-        """Number of pictures taken so far. It is set when a world is restored."""
+        """Number of pictures taken so far."""
         return self._camera.sequence if self._camera else 0
 
-    @pictures.setter
-    def pictures(self, number: int) -> None:
+    def resume(self, pictures: int) -> None:
+        """Continue after this number of pictures, when a world is restored."""
         if self._camera is not None:
-            self._camera.sequence = number
+            self._camera.resume(pictures)
 
     # pictures
 

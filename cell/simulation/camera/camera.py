@@ -171,7 +171,8 @@ class SimulatedCamera:
         self._ideal = ideal
         self._renderer, self._intrinsics, self._noise, self._seed = renderer, intrinsics, noise, seed
         self._shot, self._now = shot, now
-        self._sequence = 0
+        self.sequence = 0
+        """Number of pictures taken so far. The last one has this number."""
         self._last: CameraFrame | None = None
         self._drawing: DisplayDrawing | None = None
         self._threads = ThreadPoolExecutor(2, "picture")
@@ -204,12 +205,12 @@ class SimulatedCamera:
         """
         if self.frozen and self._last is not None and not self.silent:
             return self._last
-        self._sequence += not self.silent
-        rng = np.random.default_rng((self._seed, 1, self._sequence))
+        self.sequence += not self.silent
+        rng = np.random.default_rng((self._seed, 1, self.sequence))
         pixels = self._begun(exposures, slabs, rng)
         if exposures > 1:
             pixels.result()
-        self._last = _Undeveloped.begun(self._now(), self._sequence, self._intrinsics, pixels)
+        self._last = _Undeveloped.begun(self._now(), self.sequence, self._intrinsics, pixels)
         return self._last
 
     def close(self) -> None:
@@ -225,7 +226,7 @@ class SimulatedCamera:
         if self.frozen and last is not None and not self.silent:
             return lambda: last
         self._answers()
-        now, sequence, black, shot = self._now(), self._sequence, self.black, self._shot()
+        now, sequence, black, shot = self._now(), self.sequence, self.black, self._shot()
 
         def draw() -> CameraFrame:
             self._drawing = self._drawing or DisplayDrawing(self._renderer.scene)
@@ -267,15 +268,9 @@ class SimulatedCamera:
         scene = self._renderer.scene
         return with_slabs(picture, slabs, shot.T_base_camera, scene.focal, scene.centre)
 
-    @property
-    def sequence(self) -> int:
-        return self._sequence
-
-    @sequence.setter
-    def sequence(self, value: int) -> None:
-        """Set the number of the last picture when a world is restored. The next picture gets the number `value` +
-        1."""
-        self._sequence, self._last = value, None
+    def resume(self, sequence: int) -> None:
+        """Continue after the picture of this number, when a world is restored."""
+        self.sequence, self._last = sequence, None
 
     def _draw_noise(self, exposures: int, rng: np.random.Generator) -> _Noise:
         """Draw the noise of one picture."""

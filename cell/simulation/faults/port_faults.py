@@ -55,8 +55,6 @@ class PortFaults:
 
     def wake_at(self, t: float) -> float:
         """Return the time of the world at which a sleep until the clock shows t [s] ends."""
-        if self._board.empty:
-            return t
         self._step_clock()
         stalled = self._board.take(K.PROGRAM_STALLED)
         return t - self._board.clock_offset + (stalled.extent if stalled else 0.0)
@@ -67,10 +65,9 @@ class PortFaults:
         return replace(value, stamp=value.stamp + offset) if offset else value
 
     def _step_clock(self) -> None:
-        if not self._board.empty:
-            step = self._board.take(K.CLOCK_STEP)
-            if step:
-                self._board.clock_offset += step.extent
+        step = self._board.take(K.CLOCK_STEP)
+        if step:
+            self._board.clock_offset += step.extent
 
     # arms
 
@@ -86,14 +83,12 @@ class PortFaults:
         return self._board.now - last.stamp
 
     def joint_state(self, state: JointState) -> JointState:
-        if self._board.empty:
-            return state
-        nan = np.full_like(state.q, np.nan)
         state = self._out_of_order(self._duplicated(state))
         stale = self._repeated(K.JOINT_STATE_STALE, None, state)
         kept = self._repeated(K.JOINT_STATE_FROZEN, None, stale)
         state = kept if kept is stale else replace(kept, stamp=stale.stamp)
         if self._board.active(K.JOINT_STATE_NAN):
+            nan = np.full_like(state.q, np.nan)
             state = replace(state, q=frozen(nan), qd=frozen(nan), effort=frozen(nan))
         return self.stamped(state)
 
@@ -121,8 +116,6 @@ class PortFaults:
 
     def tactile(self, side: Side, read: Callable[[Side], TactileReading]) -> TactileReading:
         """Return the reading of one hand. read(side): the sound reading."""
-        if self._board.empty:
-            return read(side)
         reading = read(side)
         if self._board.active(K.TACTILE_SWAPPED):
             reading = replace(read(side.other), side=side)
@@ -139,8 +132,6 @@ class PortFaults:
         return self.stamped(reading)
 
     def gripper(self, state: GripperState) -> GripperState:
-        if self._board.empty:
-            return state
         scale = self._board.active(K.GRIPPER_SCALE, state.side)
         offset = self._board.active(K.GRIPPER_OFFSET, state.side)
         if scale or offset:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -32,22 +31,14 @@ SEEN_X, SEEN_Y = (0.30, 0.95), (-0.45, 0.45)
 """Part of the table in which a second garment is put, base frame [m]."""
 
 
-@dataclass(frozen=True)
-class _Flapping:
-    """The stop circuit opens and closes from `start` to `end`, each for `each` [s]."""
-
-    start: float
-    end: float
-    each: float
-
-
 class WorldFaults:
     """The faults in one world. `before_step` is called before each physics step, `before_frame` before each cloth
     frame; both do nothing while no fault was injected."""
 
     def __init__(self, board: FaultBoard, robot: SimulatedRobot, garment: WorldGarment) -> None:
         self._board, self._robot, self._garment = board, robot, garment
-        self._flapping: _Flapping | None = None
+        self._flapping: tuple[Fault, float] | None = None
+        """Fault by which the stop circuit opens and closes, and its start [s]."""
         self._taken: tuple[Fault, float] | None = None
         """Fault that took the garment away, and the time of its return [s]."""
         self._caught: dict[Side, float] = {}
@@ -80,17 +71,15 @@ class WorldFaults:
     def _flap(self) -> None:
         fault = self._board.take(K.STOP_FLAPPING)
         if fault is not None:
-            self._flapping = _Flapping(self._board.now, self._board.now + fault.lasts, fault.extent)
+            self._flapping = fault, self._board.now
         if self._flapping is not None:
-            f, t = self._flapping, self._board.now
-            self._robot.open_circuit(t < f.end and int((t - f.start) / f.each) % 2 == 0)
+            (flaps, start), t = self._flapping, self._board.now
+            self._robot.open_circuit(t < start + flaps.lasts and int((t - start) / flaps.extent) % 2 == 0)
 
     # cloth
 
     def before_frame(self) -> None:
         """Let faults of the cloth begin or end."""
-        if self._board.empty:
-            return
         garment, t = self._garment, self._board.now
         for side, end in list(self._caught.items()):
             if t >= end:
@@ -138,8 +127,6 @@ class WorldFaults:
 
     def grip_force(self, side: Side, force: float) -> float:
         """Return the force that holds the cloth in this hand [N], for pads that press with `force` [N]."""
-        if self._board.empty:
-            return force
         if side in self._caught:
             return SNAG
         slip = self._board.active(K.SLIP, side)
@@ -149,8 +136,6 @@ class WorldFaults:
 
     def slabs(self, table: Table, fabric: tuple[int, int, int]) -> tuple[Slab, ...]:
         """Return the objects that lie or are held before the camera. fabric: colour of the garment, RGB."""
-        if self._board.empty:
-            return ()
         found = []
         laid = self._garment.positions[:, :2] if self._garment.laid else np.array([[sum(table.x) / 2, 0.0]])
         hand = self._board.active(K.HAND_IN_VIEW)

@@ -114,9 +114,7 @@ def check_body(world: str, garment: str, layers: int) -> None:
 def build_body(
     world: str, mesh: ClothMesh, material: Material, positions: Array, traits: BodyTraits, pads: PadGeometry
 ) -> ClothBody:
-    """Build the cloth of `world`, at rest at `positions` (n, 3) [m]. Raises ConfigurationError like
-    `check_body`."""
-    check_body(world, "the garment", int(mesh.layer.max()) + 1)
+    """Build the cloth of `world`, which `check_body` has checked, at rest at `positions` (n, 3) [m]."""
     if world == "mujoco":
         from foldcell.cell.simulation.garment.mujoco_cloth import MujocoCloth, MujocoSettings
 

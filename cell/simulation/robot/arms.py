@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -31,13 +31,6 @@ MOVING = 0.05
 that moves faster than this."""
 HEAD_SPEED = 0.6  # [rad/s]
 CIRCUIT = "the stop circuit is open"
-
-
-@dataclass(frozen=True)
-class _Setpoint:
-    at: float
-    q: Array
-    qd: Array
 
 
 @dataclass(frozen=True)
@@ -84,8 +77,9 @@ class SimulatedRobot:
         self._enabled = False
         self._stop_reason: str | None = None
         self._stop_stamp = 0.0
-        self._queue: deque[_Setpoint] = deque()
-        self._active: _Setpoint | None = None
+        self._queue: deque[JointSetpoint] = deque()
+        """Set-points on their way, stamped with the time of their arrival."""
+        self._active: JointSetpoint | None = None
         self._sent = q_start.copy()
         self._target, self._velocity = q_start.copy(), np.zeros(self._joints)
         self._head_goal = self._head = 0.0
@@ -124,7 +118,7 @@ class SimulatedRobot:
             raise DriverError(FailureKind.HARDWARE_FAULT, "the arms are not enabled", "enable them first")
         last_command = clip_setpoint(q, qd, self._sent, self.state().q, self._limits, self._t)
         if delivered:
-            self._queue.append(_Setpoint(self._t + self._lag, last_command.q, last_command.qd))
+            self._queue.append(replace(last_command, stamp=self._t + self._lag))
         self._sent = last_command.q
         return last_command
 
@@ -203,14 +197,14 @@ class SimulatedRobot:
             self._enabled = False
             self._queue.clear()
             self._active = None
-        while self._queue and self._queue[0].at <= t:
+        while self._queue and self._queue[0].stamp <= t:
             self._active = self._queue.popleft()
-        if self._active is not None and t - self._active.at > self._noise.command_timeout:
+        if self._active is not None and t - self._active.stamp > self._noise.command_timeout:
             self._active = None
         if self._active is None:
             self._hold(dt)
         else:
-            late = min(t - self._active.at, EXTRAPOLATION)
+            late = min(t - self._active.stamp, EXTRAPOLATION)
             self._target = self._within(self._active.q + late * self._active.qd)
             self._velocity = self._active.qd
         turn = HEAD_SPEED * dt

@@ -44,7 +44,8 @@ class SimulatedGripper:
         self.strength = 1.0
         """Share of the commanded force with which the gripper presses."""
         self.in_error = False
-        self._broken = False
+        self.broken = False
+        """Whether a calibration does not help. While it is broken, the gripper reports an error."""
         self._goal, self._force = 0.0, 0.0
         self._between = 0.0
         self._stroke = 0.0
@@ -62,16 +63,6 @@ class SimulatedGripper:
     def force(self) -> float:
         """Force with which the gripper presses when it meets something [N]."""
         return self._force * self.strength
-
-    @property
-    def broken(self) -> bool:
-        """Whether a calibration does not help. While it is broken, the gripper reports an error."""
-        return self._broken
-
-    @broken.setter
-    def broken(self, value: bool) -> None:
-        self._broken = value
-        self.in_error = self.in_error or value
 
     def lose_calibration(self) -> None:
         """Forget the calibration, as after a loss of power."""
@@ -141,6 +132,7 @@ class SimulatedGripper:
 
     def step(self, t: float, dt: float) -> None:
         self._t, self._step = t, self._step + 1
+        self.in_error = self.in_error or self.broken
         if self._calibrating is not None:
             self._calibrate(dt)
         if not self.stuck:
