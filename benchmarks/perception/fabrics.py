@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from foldcell.cell.simulation.garment.fabric import SIZE, fabric_texture
+from foldcell.cell.simulation.garment.fabric import SIZE, TABLE_HSV, contrasting_colour, fabric_texture
 from foldcell.robots.ports import Array
 
 __all__ = ["LEAST_DIFFERENCE", "Light", "colour_difference", "draw_fabric"]
@@ -44,8 +44,11 @@ def _lab(rgb: Texture) -> Array:
 
 
 def _fabric(rng: np.random.Generator, look: str, surface: str) -> Texture:
-    if look in ("contrast", "table_hue"):
-        return fabric_texture(rng, look, surface)
+    if look == "contrast":
+        return fabric_texture(rng, contrasting_colour(rng))
+    if look == "table_hue":  # slightly lighter or darker
+        hue, saturation, value = TABLE_HSV[surface]
+        return fabric_texture(rng, (hue, saturation, value + rng.choice([-45.0, 45.0])))
     weave = cv2.GaussianBlur(rng.standard_normal((SIZE, SIZE)), (0, 0), 0.8)
     weave *= 5.0 / weave.std()
     if look == "neutral":

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import yaml
@@ -21,44 +21,6 @@ __all__ = ["pages"]
 Schema = Mapping[str, Any]
 PART = "PART"
 """Stands for the word before the name of a part in the anchor of its heading."""
-GARMENT_KEYS: Mapping[str, str] = {
-    "title": "name for people",
-    "category": "kind of garment; photographs and pictures are recognised by it",
-    "layers": "layers of cloth of the garment as it lies",
-    "keypoints": "name: [x, y] [m], counter-clockwise around the outline as it lies; their middle is [0, 0]",
-    "material": "the fabric (below)",
-    "plan": "the folds, one after the other (below)",
-    "edge_pairs": "pairs of edges, each by two key points, that lie on one another when the garment is folded",
-    "max_tool_speed": "largest speed of the hands while they carry the garment [m/s]",
-    "size_range": "smallest and largest size that is recognised, as a share of this one",
-    "poses": "where the garment may lie (below)",
-    "final_layers": "layers of the folded garment",
-    "fabric": "class of fabrics; gives what is not stated, and the range that the simulated cell draws from",
-    "stretch_fraction": "how much the hung garment is longer than when it lies, as a share",
-    "hang_drop": "length that hung when this was measured [m]",
-    "friction_angle_deg": "surface: angle at which the garment slides [degrees]",
-    "areal_mass": "mass of one layer [kg/m2]",
-    "bending_length": "bending length of one layer [m]",
-    "thickness": "thickness of one layer [m]",
-    "friction_dynamic_ratio": "friction while it slides, as a share of the friction at rest",
-    "friction_layers": "friction coefficient of one layer on another",
-    "crease_set": "share of a bend beyond the elastic part that a standard press sets",
-    "measured": "property: who measured it and when",
-    "assumed": "properties that nobody measured",
-    "name": "name in the journal and in reports",
-    "line": "both ends of the fold line: key points, or key points with weights that sum to one",
-    "variants": "ways to make this fold; the next one is tried if the arms cannot make the first",
-    "tension": "how much further from the line, and further outwards, the targets of the grasps lie [m]",
-    "moves": "key points that the fold moves",
-    "grasps": "one or two grasps",
-    "at": "place of the grasp: a key point, or key points with weights",
-    "inset": "how far inside the edge, along both directions of the corner [m]",
-    "arm": "the arm that takes this grasp",
-    "turn_deg": "turn of the hand about the vertical [degrees]",
-    "x": "range of the place [m], table frame",
-    "y": "range of the place [m], table frame",
-    "angle_deg": "range of the angle [degrees]",
-}
 
 
 def pages() -> dict[str, str]:
@@ -89,7 +51,6 @@ def pages() -> dict[str, str]:
             f" degrees. A fabric of which nothing is stated has: {average}.",
             _GarmentFile.model_json_schema(),
             "part",
-            lambda key: GARMENT_KEYS[key],
         ),
         "script.md": _page(
             "Scripts and their words",
@@ -125,12 +86,12 @@ def _without(schema: dict[str, Any], other: Schema) -> dict[str, Any]:
     return schema | {"$defs": {name: part for name, part in schema["$defs"].items() if name not in other["$defs"]}}
 
 
-def _page(title: str, about: str, schema: Schema, word: str, told: Callable[[str], str] | None = None) -> str:
-    """Write the page of a type. told: describes a key that has no description of its own."""
+def _page(title: str, about: str, schema: Schema, word: str) -> str:
+    """Write the page of a type."""
     parts = {_plain(name): part for name, part in schema.get("$defs", {}).items()}
-    lines = [f"# {title}", "", about, *_part(schema, told, top=True)]
+    lines = [f"# {title}", "", about, *_part(schema, top=True)]
     for name, part in parts.items():
-        lines += ["", f"## {word.capitalize()} {name}", *_part(part, told)]
+        lines += ["", f"## {word.capitalize()} {name}", *_part(part)]
     made = "`python -m benchmarks.reference` writes this page from the program."
     text = "\n".join([*lines, "", made, ""])
     for name in parts:
@@ -138,12 +99,12 @@ def _page(title: str, about: str, schema: Schema, word: str, told: Callable[[str
     return text.replace(f"(#{PART}-", "(script.md#part-")  # what is explained there is not explained again
 
 
-def _part(part: Schema, told: Callable[[str], str] | None, top: bool = False) -> list[str]:
+def _part(part: Schema, top: bool = False) -> list[str]:
     about = [] if top else _prose(part.get("description", ""))
     if "enum" in part:
         return ["", ", ".join(f"`{value}`" for value in part["enum"]) + "."]
     rows = [
-        (f"`{key}`", _kind(value), _default(value), cell(_about(key, value, told)))
+        (f"`{key}`", _kind(value), _default(value), cell(_about(value)))
         for key, value in part.get("properties", {}).items()
     ]
     heads = ["key", "value", "default", "meaning"]
@@ -156,9 +117,9 @@ def _prose(text: str) -> list[str]:
     return [line for paragraph in text.split("\n\n") for line in ("", " ".join(paragraph.split()))] if text else []
 
 
-def _about(key: str, value: Schema, told: Callable[[str], str] | None) -> str:
+def _about(value: Schema) -> str:
     unit = value.get("unit", "")
-    return (value.get("description") or (told(key) if told else "")) + (f" [{unit}]" if unit else "")
+    return value.get("description", "") + (f" [{unit}]" if unit else "")
 
 
 def _default(value: Schema) -> str:

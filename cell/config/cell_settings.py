@@ -436,6 +436,14 @@ class RecorderConfig(_Group):
     key_frames: int = _count(2, 24, "pictures of a fold in the report")
 
 
+_CALIBRATION_FILES: Mapping[str, Callable[[Path], object]] = {
+    "table": load_table_height,
+    "camera": load_camera_calibration,
+    "grasp": load_tactile_thresholds,
+}
+"""Settings group -> function that reads the calibration file that the group may name."""
+
+
 class CellSettings(_Group):
     """All settings of a cell. `load_settings` reads them from a file."""
 
@@ -516,14 +524,11 @@ def load_settings(path: Path | None = None) -> CellSettings:
     Raises ConfigurationError for an unreadable file, an unknown or repeated key, a value out of range, and a
     calibration file that is named but cannot be used.
     """
-    default = _shipped()
+    shipped = validated(_shipped(), CellSettings)
     if path is None:
-        return validated(default, CellSettings)
+        return shipped
     document = read_yaml(path, "cell settings file")
-    merged = merge(default.data, document.data)
-    settings = _with_absolute_paths(validated(document, CellSettings, merged, RENAMED_KEYS), path.resolve().parent)
-    _check_files(settings, document.where)
-    return settings
+    return overlaid(shipped, document.data, path, document.lines)
 
 
 @cache
@@ -543,7 +548,12 @@ def overlaid(
     document = Document(path, over, lines)
     merged = merge(settings.model_dump(mode="json", by_alias=True), over)
     result = _with_absolute_paths(validated(document, CellSettings, merged, RENAMED_KEYS), path.resolve().parent)
-    _check_files(result, document.where)
+    for group, file in result.calibrations.items():
+        try:
+            _CALIBRATION_FILES[group](file)
+        except ConfigurationError as e:
+            where = document.where((group, "calibration"))
+            raise ConfigurationError(f"{where}: {group}.calibration: {e.what}", e.hint, **e.values) from e
     return result
 
 
@@ -558,19 +568,3 @@ def _with_absolute_paths(settings: CellSettings, folder: Path) -> CellSettings:
     return settings.model_copy(
         update={n: g.model_copy(update={"calibration": absolute(g.calibration)}) for n, g in groups.items()}
     )
-
-
-def _check_files(settings: CellSettings, where: Any) -> None:
-    files: dict[str, tuple[Path | None, Callable[[Path], object]]] = {
-        "table": (settings.table_.calibration, load_table_height),
-        "camera": (settings.camera.calibration, load_camera_calibration),
-        "grasp": (settings.grasp.calibration, load_tactile_thresholds),
-    }
-    for group, (path, load) in files.items():
-        if path is None:
-            continue
-        try:
-            load(path)
-        except ConfigurationError as e:
-            key = (group, "calibration")
-            raise ConfigurationError(f"{where(key)}: {group}.calibration: {e.what}", e.hint, **e.values) from e

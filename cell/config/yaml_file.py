@@ -22,7 +22,7 @@ from typing import Any, NoReturn, TypeVar, get_args
 import yaml
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
-from pydantic_core import ErrorDetails
+from pydantic_core import ErrorDetails, PydanticCustomError
 
 from foldcell.robots.errors import ConfigurationError
 
@@ -35,6 +35,7 @@ __all__ = [
     "parse_yaml",
     "read_text",
     "read_yaml",
+    "rule_broken",
     "shown",
     "validated",
 ]
@@ -356,14 +357,14 @@ def _raise_configuration(
         line, hint = _explain(document, model, fault, renamed)
         lines.append(line)
         if hint:
-            hints.setdefault(hint, []).append(dotted(fault["loc"]))
+            hints.setdefault(hint, []).append(dotted(_key(fault)))
     hint_lines = [hint if len(faults) == 1 else f"{', '.join(keys)}: {hint}" for hint, keys in hints.items()]
     first = faults[0]
     raise ConfigurationError(
         "\n".join(lines),
         "\n  ".join(hint_lines),
         path=str(document.path),
-        key=dotted(first["loc"]),
+        key=dotted(_key(first)),
         value=shown(first["input"]),
     ) from None
 
@@ -372,7 +373,7 @@ def _explain(
     document: Document, model: type[BaseModel], fault: ErrorDetails, renamed: Mapping[str, str]
 ) -> tuple[str, str]:
     """Return (message, hint) for one fault that pydantic reports."""
-    loc: Key = fault["loc"]
+    loc = _key(fault)
     where, key, value, kind = document.where(loc), dotted(loc), fault["input"], fault["type"]
     owner, field = _field(model, loc)
     if kind == "extra_forbidden" and key in renamed:
@@ -386,6 +387,8 @@ def _explain(
     if kind in {"model_type", "model_attributes_type", "dict_type"}:
         known = ", ".join(_names(owner)) if owner else ""
         return f"{where}: {key} = {shown(value)}: a group of keys is expected", f"keys of '{key}': {known}"
+    if kind == "rule":
+        return f"{where}: {key}: {_message(fault)}", ""
     if kind == "value_error" and not _allowed(field):  # the message of a rule over several keys names these keys
         return f"{where}: {_message(fault)}", ""
     choices = [choice for choice in (get_args(field.annotation) if field else ()) if isinstance(choice, str)]
@@ -406,6 +409,17 @@ def shown(value: Any) -> str:
     """Format a value for a message, shortened to 60 characters."""
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
+
+
+def rule_broken(text: str, *key: str | int) -> PydanticCustomError:
+    """Make the error of a rule that concerns several keys. key: where the rule is broken, from the group on whose
+    validator raises it."""
+    return PydanticCustomError("rule", "{text}", {"text": text, "key": key})
+
+
+def _key(fault: ErrorDetails) -> Key:
+    loc = (*fault["loc"], *fault.get("ctx", {}).get("key", ()))
+    return tuple(part for part in loc if part != "[key]")  # pydantic adds "[key]" to an error in a name
 
 
 def _message(fault: ErrorDetails) -> str:

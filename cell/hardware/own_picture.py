@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 from foldcell.cell.config.cell_settings import CellSettings
 from foldcell.cell.hardware.camera import camera_calibration
 from foldcell.robots.errors import Failure
-from foldcell.robots.ports import Array, CameraFrame
+from foldcell.robots.ports import CameraFrame
 from foldcell.skills.garments.garment import Garment
 from foldcell.skills.perception.perceive import perceive
+from foldcell.skills.perception.rectification.table_view import TableView
 from foldcell.skills.vocabulary import CameraCalibration
 
 __all__ = ["own_picture_refused"]
@@ -26,7 +27,7 @@ def own_picture_refused(garment: Garment, settings: CellSettings) -> Failure | N
     """Return why a run would not recognise the garment on a plain table in the middle of its poses; None if it
     would. Only the template is drawn, in colour and depth: no wrinkles, no shadow."""
     calibration = camera_calibration(settings)
-    pixels = _projected(garment.place(*garment.poses.middle), calibration)
+    pixels = TableView(calibration, settings.table).to_image(garment.place(*garment.poses.middle))
     shape = (calibration.intrinsics.height, calibration.intrinsics.width)
     covered = np.zeros(shape, np.uint8)
     cv2.fillPoly(covered, [np.round(pixels).astype(np.int32)], 255, cv2.LINE_AA)
@@ -43,13 +44,6 @@ def own_picture_refused(garment: Garment, settings: CellSettings) -> Failure | N
     return perceive(
         laid, calibration, settings.table, empty, [garment], garment.name, settings=settings.perception.settings()
     ).failure
-
-
-def _projected(points: Array, calibration: CameraCalibration) -> NDArray[np.float64]:
-    """Return the pixels (n, 2) of points (n, 2) on the table."""
-    there = np.column_stack([points, np.zeros(len(points)), np.ones(len(points))])
-    seen = (there @ np.linalg.inv(calibration.T_table_camera).T)[:, :3] @ calibration.intrinsics.matrix.T
-    return np.asarray(seen[:, :2] / seen[:, 2:])
 
 
 def _depth(height: float, calibration: CameraCalibration) -> NDArray[np.float32]:

@@ -93,8 +93,7 @@ def placed_folds(garment: Garment, settings: CellSettings, model: RobotModel, po
         why, found = "", ""
         for variant in planned.variants:
             chosen[planned.name] = variant.name
-            variants = {**_first_variants(garment), **chosen}
-            steps = plan_folds(garment.flat_state(*pose), garment, variants, pads=settings.gripper.pads)
+            steps = plan_folds(garment.flat_state(*pose), garment, chosen, pads=settings.gripper.pads)
             if steps.failure is not None:
                 why = why or steps.failure.what
                 continue
@@ -172,10 +171,6 @@ def write_own_garment(
     )  # fmt: skip
     write_whole(path, text)
     return template
-
-
-def _first_variants(garment: Garment) -> dict[str, str]:
-    return {step.name: step.variants[0].name for step in garment.plan}
 
 
 def _poses(garment: Garment, settings: CellSettings) -> Iterator[Pose]:

@@ -10,9 +10,8 @@ the same library, bit for bit, as an uninterrupted build.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib import metadata
 
@@ -61,31 +60,29 @@ def build_library(
     garments: Iterable[Garment],
     method: str = "default",
     predict: Predictor | None = None,
-    report: Callable[[BuiltStep], None] | None = None,
+    report: Callable[[BuiltStep], None] = lambda built: None,
     *,
+    executor: Executor,
     budget: int | None = None,
-    executor: Executor | None = None,
     at_once: int = 1,
     finished: Library = NOTHING,
-    progress: Callable[[BuildProgress], None] | None = None,
+    progress: Callable[[BuildProgress], None] = lambda now: None,
     lift_height: float = LIFT_HEIGHT,
 ) -> Library:
     """Optimise every step of every garment in the order of its plan. The garment lies in the middle of its
     possible poses. If a step cannot be optimised, the remaining steps of its garment are left out.
 
-    executor: runs the simulations, any executor of `concurrent.futures` (default: one after the other in this
-    process); `predict` has to be available to its workers. at_once: number of garments searched in parallel.
-    finished: entries of an interrupted build with the same budget and lift; matching ones are reused. lift_height:
-    height of the straight lift before each arc [m]. report: called after each step. progress: called after each
-    simulation. Calls of these two functions never overlap, and an exception in one of them ends the build.
+    executor: runs the simulations, any executor of `concurrent.futures`; `predict` has to be available to its
+    workers. at_once: number of garments searched in parallel. finished: entries of an interrupted build with the
+    same budget and lift; matching ones are reused. lift_height: height of the straight lift before each arc [m].
+    report: called after each step. progress: called after each simulation. Calls of these two functions never
+    overlap, and an exception in one of them ends the build.
     """
-    if at_once < 1:
-        raise ValueError(f"at_once = {at_once}: build at least one garment at a time")
     garments = tuple(garments)
     each = budget or METHODS[method][1]
-    with _workers(executor) as simulations, ThreadPoolExecutor(at_once, "garment") as searches:
+    with ThreadPoolExecutor(at_once, "garment") as searches:
         build = _Build(
-            method, each, predict or ClothPredictor(), simulations, finished, lift_height, report, progress
+            method, each, predict or ClothPredictor(), executor, finished, lift_height, report, progress
         )
         build.total = sum(build.planned(g) for g in garments)
         jobs = [searches.submit(build.garment, g) for g in garments]
@@ -113,8 +110,8 @@ class _Build:
     executor: Executor
     finished: Library
     lift_height: float
-    report: Callable[[BuiltStep], None] | None
-    progress: Callable[[BuildProgress], None] | None
+    report: Callable[[BuiltStep], None]
+    progress: Callable[[BuildProgress], None]
     total: int = 0
     done: int = 0
     cancelled: threading.Event = field(default_factory=threading.Event)
@@ -183,8 +180,7 @@ class _Build:
             raise _Cancelled
         with self.lock:
             self.done += 1
-            if self.progress is not None:
-                self.progress(BuildProgress(self.done, self.total, garment.name, step.name, best))
+            self.progress(BuildProgress(self.done, self.total, garment.name, step.name, best))
 
     def _skip(self, simulations: int) -> None:
         with self.lock:
@@ -192,8 +188,7 @@ class _Build:
 
     def _tell(self, built: BuiltStep) -> None:
         with self.lock:
-            if self.report is not None:
-                self.report(built)
+            self.report(built)
 
 
 def _predict(
@@ -212,12 +207,3 @@ def _is_of(entry: LibraryEntry, garment: Garment, method: str) -> bool:
         and entry.size_m == garment.size_m
         and (entry.edge_length, entry.max_tool_speed) == (garment.mesh_edge_m, garment.max_tool_speed)
     )
-
-
-@contextmanager
-def _workers(executor: Executor | None) -> Iterator[Executor]:
-    if executor is not None:
-        yield executor
-        return
-    with ThreadPoolExecutor(1, "simulation") as own:
-        yield own

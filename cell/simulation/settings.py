@@ -10,13 +10,12 @@ from foldcell.robots.registry import DEFAULT
 from foldcell.skills.cloth.pinch import PadGeometry
 from foldcell.skills.vocabulary import Table
 
-__all__ = ["DEFAULT_TABLE", "LOOKS", "WORLDS", "SimulationSettings"]
+__all__ = ["DEFAULT_TABLE", "WORLDS", "SimulationSettings"]
 
 DEFAULT_TABLE = Table(height=-0.10, x=(0.20, 1.10), y=(-0.75, 0.75))
 """The default table. Its top is 0.82 m above the floor, within the reach of both arms and the camera's view."""
 
 WORLDS = ("xpbd", "mujoco")
-LOOKS = ("contrast", "table_hue")
 
 
 @dataclass(frozen=True)
@@ -25,12 +24,11 @@ class SimulationSettings:
 
     robot: its name. garment: a name, a path, or 'auto' (drawn by the seed). surface: the table's surface, which
     selects the garment's friction. realtime: pace the world by the wall clock. world: solver of the cloth,
-    foldcell's own ('xpbd') or MuJoCo's flex ('mujoco', for towels). fabric: 'contrast' for a hue that differs from
-    the table's, 'table_hue' for the table's hue. robot_noise, camera_noise, garment_noise: off for an ideal cell.
-    render: if off, the camera raises a fault. as_built: table height and camera intrinsics differ from the
-    drawing, and there is a calibration board. q_start: (joints,) configuration of the arms at the start [rad];
-    None: the park configuration. camera: its mount and lens; None: the robot's own. pads: of the grippers; their
-    friction is drawn by the seed.
+    foldcell's own ('xpbd') or MuJoCo's flex ('mujoco', for towels). robot_noise, camera_noise, garment_noise: off
+    for an ideal cell. render: if off, the camera raises a fault. as_built: table height and camera intrinsics
+    differ from the drawing, and there is a calibration board. q_start: (joints,) configuration of the arms at the
+    start [rad]; None: the park configuration. camera: its mount and lens; None: the robot's own. pads: of the
+    grippers; their friction is drawn by the seed.
     """
 
     robot: str = DEFAULT
@@ -39,7 +37,6 @@ class SimulationSettings:
     table: Table = DEFAULT_TABLE
     realtime: bool = False
     world: str = "xpbd"
-    fabric: str = "contrast"
     robot_noise: bool = True
     camera_noise: bool = True
     garment_noise: bool = True
@@ -52,5 +49,3 @@ class SimulationSettings:
     def __post_init__(self) -> None:
         if self.world not in WORLDS:
             raise ConfigurationError(f"unknown world '{self.world}'", f"it is one of {', '.join(WORLDS)}")
-        if self.fabric not in LOOKS:
-            raise ConfigurationError(f"unknown fabric '{self.fabric}'", f"it is one of {', '.join(LOOKS)}")

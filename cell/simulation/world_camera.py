@@ -14,7 +14,7 @@ from foldcell.cell.simulation.camera.slabs import Slab
 from foldcell.cell.simulation.faults.board import FaultBoard
 from foldcell.cell.simulation.faults.camera_faults import CameraFaults
 from foldcell.cell.simulation.faults.world_faults import WorldFaults
-from foldcell.cell.simulation.garment.fabric import fabric_texture, garment_uv, table_texture
+from foldcell.cell.simulation.garment.fabric import contrasting_colour, fabric_texture, garment_uv, table_texture
 from foldcell.cell.simulation.garment.garment import WorldGarment
 from foldcell.cell.simulation.noise import CameraNoise, NoiseTable
 from foldcell.cell.simulation.settings import SimulationSettings
@@ -141,7 +141,7 @@ class WorldCamera:
             table_texture=table_texture(rng, settings.surface),
             garment_uv=garment_uv(mesh.rest, mesh.layer),
             garment_triangles=mesh.triangles,
-            garment_texture=fabric_texture(rng, settings.fabric, settings.surface),
+            garment_texture=fabric_texture(rng, contrasting_colour(rng)),
             width=lens.width,
             height=lens.height,
             focal=(lens.fx, lens.fy),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Iterator
 from functools import lru_cache
@@ -16,15 +15,21 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
-    ValidationError,
     field_validator,
     model_validator,
 )
-from pydantic_core import PydanticCustomError
 
 from foldcell.cell.config.garments.fabric_file import load_fabrics
 from foldcell.cell.config.garments.plan_check import check_lines_and_grasps
-from foldcell.cell.config.yaml_file import Document, Key, dotted, parse_yaml, read_text, shown
+from foldcell.cell.config.yaml_file import (
+    Document,
+    Key,
+    did_you_mean,
+    parse_yaml,
+    read_text,
+    rule_broken,
+    validated,
+)
 from foldcell.robots.errors import ConfigurationError
 from foldcell.skills.garments.garment import Anchor, Garment, PlanGrasp, PlanStep, PlanVariant, PoseRange
 from foldcell.skills.garments.outline_check import (
@@ -90,10 +95,7 @@ def _parsed(path: Path, text: str, surface: str) -> Garment:
     """Return the garment of a file with this text. A run asks for each garment several times, and checking all
     ways to fold it takes long."""
     document = parse_yaml(text, path, WHAT)
-    try:
-        file = _GarmentFile.model_validate(document.data)
-    except ValidationError as error:
-        raise _readable(document, error) from None
+    file = validated(document, _GarmentFile)
     garment = _garment(document, file, surface)
     check_lines_and_grasps(document, garment)
     return garment
@@ -107,12 +109,10 @@ def garment_path(name_or_path: str | Path) -> Path:
         return Path(text)
     if text in list_garments():
         return shipped_garment_path(text)
-    close = difflib.get_close_matches(text, list_garments(), n=1)
-    guess = f"did you mean {close[0]}? " if close else ""
-    known = ", ".join(list_garments())
+    known = f"{did_you_mean(text, list_garments())}Shipped garments: {', '.join(list_garments())}"
     raise ConfigurationError(
         f"there is no garment {text!r}",
-        f"{guess}Shipped garments: {known}. You can also give the path of a YAML file.",
+        f"{known}. You can also give the path of a YAML file.",
         garment=text,
     )
 
@@ -135,17 +135,16 @@ MOST_WAYS = 256
 limited because all ways are checked."""
 
 
-def _number(low: float, high: float, default: Any = ...) -> Any:
-    return Field(default, ge=low, le=high, strict=True)
+def _about(about: str, default: Any = ...) -> Any:
+    return Field(default, description=about)
 
 
-def _count(low: int, high: int) -> Any:
-    return Field(ge=low, le=high, strict=True)
+def _number(low: float, high: float, about: str, default: Any = ...) -> Any:
+    return Field(default, ge=low, le=high, strict=True, description=about)
 
 
-def _rule(text: str, *key: str | int) -> PydanticCustomError:
-    """Make the error for a rule that concerns several keys. key: location in the file where the rule is broken."""
-    return PydanticCustomError("rule", "{text}", {"text": text, "key": key})
+def _count(low: int, high: int, about: str) -> Any:
+    return Field(ge=low, le=high, strict=True, description=about)
 
 
 class _Strict(BaseModel):
@@ -160,30 +159,37 @@ _Anchor = Annotated[dict[Name, Weight], BeforeValidator(_as_weights), Field(min_
 
 
 class _Grasp(_Strict):
-    at: _Anchor
-    inset: tuple[Inset, Inset]
-    arm: Literal["auto", "left", "right"] = "auto"
-    turn_deg: float = _number(-90, 90, 0.0)
+    at: _Anchor = _about("place of the grasp: a key point, or key points with weights")
+    inset: tuple[Inset, Inset] = _about("how far inside the edge, along both directions of the corner [m]")
+    arm: Literal["auto", "left", "right"] = _about("the arm that takes this grasp", "auto")
+    turn_deg: float = _number(-90, 90, "turn of the hand about the vertical [degrees]", 0.0)
 
 
 class _Variant(_Strict):
-    name: Name
-    moves: Annotated[list[Name], Field(min_length=1)]
-    grasps: Annotated[list[_Grasp], Field(min_length=1, max_length=2)]
+    name: Name = _about("name in the journal and in reports")
+    moves: list[Name] = Field(min_length=1, description="key points that the fold moves")
+    grasps: list[_Grasp] = Field(min_length=1, max_length=2, description="one or two grasps")
 
     @model_validator(mode="after")
     def _two_arms(self) -> _Variant:
         arms = [g.arm for g in self.grasps if g.arm != "auto"]
         if len(arms) != len(set(arms)):
-            raise ValueError("one arm cannot take two grasps")
+            raise rule_broken("one arm cannot take two grasps")
         return self
 
 
 class _Step(_Strict):
-    name: Name
-    line: tuple[_Anchor, _Anchor]
-    variants: Annotated[list[_Variant], Field(min_length=1)]
-    tension: tuple[Tension, Tension] = (0.0, 0.0)
+    name: Name = _about("name in the journal and in reports")
+    line: tuple[_Anchor, _Anchor] = _about(
+        "both ends of the fold line: key points, or key points with weights that sum to one"
+    )
+    variants: list[_Variant] = Field(
+        min_length=1,
+        description="ways to make this fold; the next one is tried if the arms cannot make the first",
+    )
+    tension: tuple[Tension, Tension] = _about(
+        "how much further from the line, and further outwards, the targets of the grasps lie [m]", (0.0, 0.0)
+    )
 
 
 FabricField = Literal[
@@ -195,81 +201,104 @@ FABRIC_FIELDS: tuple[str, ...] = get_args(FabricField)
 
 
 class _MaterialFile(_Strict):
-    fabric: Name | None = None
-    stretch_fraction: float | None = _number(0.001, 0.2, None)
-    hang_drop: float = _number(0.1, 20, REFERENCE_DROP)
-    friction_angle_deg: dict[Name, FrictionDegrees] | None = None
-    areal_mass: float | None = _number(0.03, 2.0, None)
-    bending_length: float | None = _number(0.003, 0.1, None)
-    thickness: float | None = _number(0.0001, 0.01, None)
-    friction_dynamic_ratio: float | None = _number(0.3, 1.0, None)
-    friction_layers: float | None = _number(0.05, 2.0, None)
-    crease_set: float | None = _number(0.0, 0.8, None)
-    measured: dict[Name, str] = {}
-    assumed: list[FabricField] = []
+    fabric: Name | None = _about(
+        "class of fabrics; gives what is not stated, and the range that the simulated cell draws from", None
+    )
+    stretch_fraction: float | None = _number(
+        0.001, 0.2, "how much the hung garment is longer than when it lies, as a share", None
+    )
+    hang_drop: float = _number(0.1, 20, "length that hung when this was measured [m]", REFERENCE_DROP)
+    friction_angle_deg: dict[Name, FrictionDegrees] | None = _about(
+        "surface: angle at which the garment slides [degrees]", None
+    )
+    areal_mass: float | None = _number(0.03, 2.0, "mass of one layer [kg/m2]", None)
+    bending_length: float | None = _number(0.003, 0.1, "bending length of one layer [m]", None)
+    thickness: float | None = _number(0.0001, 0.01, "thickness of one layer [m]", None)
+    friction_dynamic_ratio: float | None = _number(
+        0.3, 1.0, "friction while it slides, as a share of the friction at rest", None
+    )
+    friction_layers: float | None = _number(0.05, 2.0, "friction coefficient of one layer on another", None)
+    crease_set: float | None = _number(
+        0.0, 0.8, "share of a bend beyond the elastic part that a standard press sets", None
+    )
+    measured: dict[Name, str] = _about("property: who measured it and when", {})
+    assumed: list[FabricField] = _about("properties that nobody measured", [])
 
     @field_validator("fabric")
     @classmethod
     def _known_fabric(cls, name: str | None) -> str | None:
         if name is not None and name not in load_fabrics():
-            raise ValueError(f"this class of fabrics is not known; known: {', '.join(load_fabrics())}")
+            raise rule_broken(f"this class of fabrics is not known; known: {', '.join(load_fabrics())}")
         return name
 
 
 class _Poses(_Strict):
-    x: Range
-    y: Range
-    angle_deg: tuple[Degrees, Degrees]
+    x: Range = _about("range of the place [m], table frame")
+    y: Range = _about("range of the place [m], table frame")
+    angle_deg: tuple[Degrees, Degrees] = _about("range of the angle [degrees]")
 
     @model_validator(mode="after")
     def _ordered(self) -> _Poses:
         for name in ("x", "y", "angle_deg"):
             low, high = getattr(self, name)
             if low > high:
-                raise ValueError(f"{name}: the lower end {low} has to come first, not {high}")
+                raise rule_broken(f"{name}: the lower end {low} has to come first, not {high}")
         return self
 
 
 class _GarmentFile(_Strict):
-    title: str
-    category: Name
-    layers: int = _count(1, 2)
-    keypoints: Annotated[dict[Name, tuple[Metres, Metres]], Field(min_length=3, max_length=100)]
-    material: _MaterialFile = _MaterialFile()
-    plan: Annotated[list[_Step], Field(min_length=1)]
-    edge_pairs: list[tuple[tuple[Name, Name], tuple[Name, Name]]] = []
-    max_tool_speed: float = _number(0.02, 1.5, 0.35)
-    size_range: tuple[Shrunk, Grown] = (0.8, 1.2)
-    poses: _Poses
-    final_layers: int = _count(1, 64)
+    title: str = _about("name for people")
+    category: Name = _about("kind of garment; photographs and pictures are recognised by it")
+    layers: int = _count(1, 2, "layers of cloth of the garment as it lies")
+    keypoints: dict[Name, tuple[Metres, Metres]] = Field(
+        min_length=3,
+        max_length=100,
+        description="name: [x, y] [m], counter-clockwise around the outline as it lies; their middle is [0, 0]",
+    )
+    material: _MaterialFile = _about("the fabric", _MaterialFile())
+    plan: list[_Step] = Field(min_length=1, description="the folds, one after the other")
+    edge_pairs: list[tuple[tuple[Name, Name], tuple[Name, Name]]] = _about(
+        "pairs of edges, each by two key points, that lie on one another when the garment is folded",
+        [],
+    )
+    max_tool_speed: float = _number(
+        0.02, 1.5, "largest speed of the hands while they carry the garment [m/s]", 0.35
+    )
+    size_range: tuple[Shrunk, Grown] = _about(
+        "smallest and largest size that is recognised, as a share of this one", (0.8, 1.2)
+    )
+    poses: _Poses = _about("where the garment may lie")
+    final_layers: int = _count(1, 64, "layers of the folded garment")
 
     @model_validator(mode="after")
     def _outline(self) -> _GarmentFile:
         points = np.array(list(self.keypoints.values()))
         same = same_places(points, list(self.keypoints))
         if same:
-            raise _rule(f"{same[0][0]} and {same[0][1]} lie at the same place; move one", "keypoints", same[0][1])
+            raise rule_broken(
+                f"{same[0][0]} and {same[0][1]} lie at the same place; move one", "keypoints", same[0][1]
+            )
         if crosses_itself(points):
-            raise _rule("the outline through them in this order crosses itself", "keypoints")
+            raise rule_broken("the outline through them in this order crosses itself", "keypoints")
         if runs_clockwise(points):
-            raise _rule("list them counter-clockwise (x away from the robot, y to its left)", "keypoints")
+            raise rule_broken("list them counter-clockwise (x away from the robot, y to its left)", "keypoints")
         if impossible_size(points):
             size = np.ptp(points, axis=0)
             what = f"they span {size[0]:.3f} x {size[1]:.3f} m; {SMALLEST:g} to {LARGEST:g} m is possible"
-            raise _rule(what, "keypoints")
+            raise rule_broken(what, "keypoints")
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
         if np.abs(middle).max() > 0.002:
-            raise _rule(f"their middle is {middle.round(3).tolist()}, not [0, 0]", "keypoints")
+            raise rule_broken(f"their middle is {middle.round(3).tolist()}, not [0, 0]", "keypoints")
         return self
 
     @model_validator(mode="after")
     def _known_points(self) -> _GarmentFile:
         for key, name in self._mentions():
             if name not in self.keypoints:
-                raise _rule(f"{name!r} is not a key point; known: {', '.join(self.keypoints)}", *key)
+                raise rule_broken(f"{name!r} is not a key point; known: {', '.join(self.keypoints)}", *key)
         for key, anchor in self._anchors():
             if abs(sum(anchor.values()) - 1.0) > 1e-6:
-                raise _rule(f"the weights of an anchor must sum to one, not {sum(anchor.values()):g}", *key)
+                raise rule_broken(f"the weights of an anchor must sum to one, not {sum(anchor.values()):g}", *key)
         return self
 
     @model_validator(mode="after")
@@ -277,17 +306,17 @@ class _GarmentFile(_Strict):
         names: list[str] = []
         for i, step in enumerate(self.plan):
             if step.name in names:
-                raise _rule(f"two steps have the same name {step.name!r}", "plan", i, "name")
+                raise rule_broken(f"two steps have the same name {step.name!r}", "plan", i, "name")
             names.append(step.name)
             variants: list[str] = []
             for k, variant in enumerate(step.variants):
                 if variant.name in variants:
                     what = f"two variants of the step {step.name!r} have the same name {variant.name!r}"
-                    raise _rule(what, "plan", i, "variants", k, "name")
+                    raise rule_broken(what, "plan", i, "variants", k, "name")
                 variants.append(variant.name)
         ways = math.prod(len(step.variants) for step in self.plan)
         if ways > MOST_WAYS:
-            raise _rule(f"its variants make {ways} ways to fold; at most {MOST_WAYS} are allowed", "plan")
+            raise rule_broken(f"its variants make {ways} ways to fold; at most {MOST_WAYS} are allowed", "plan")
         return self
 
     def _anchors(self) -> Iterator[tuple[Key, dict[str, float]]]:
@@ -313,30 +342,6 @@ class _GarmentFile(_Strict):
 
 
 # ------------------------------------------------------------------ file -> value
-
-
-def _readable(document: Document, error: ValidationError) -> ConfigurationError:
-    """Return the first error of a file as a readable message, with the number of further errors."""
-    first = error.errors(include_url=False)[0]
-    loc: Key = (*first["loc"], *first.get("ctx", {}).get("key", ()))
-    loc = tuple(part for part in loc if part != "[key]")  # pydantic adds "[key]" to an error in a name
-    key, message = dotted(loc), first["msg"].removeprefix("Value error, ")
-    message = message[:1].lower() + message[1:]
-    value = "" if first["type"] in ("missing", "value_error", "rule") else f" = {shown(first['input'])}"
-    more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
-    hint = "Lengths are in metres; angles are in degrees if the key ends in _deg."
-    if first["type"] == "extra_forbidden":
-        message = "this key is not known"
-        close = difflib.get_close_matches(str(first["loc"][-1]), _known_keys(), n=1)
-        hint = f"Did you mean {close[0]!r}?" if close else "Remove it; unknown keys are not ignored."
-    return ConfigurationError(
-        f"{document.where(loc)}: {key}{value}: {message}{more}", hint, file=str(document.path), key=key
-    )
-
-
-def _known_keys() -> list[str]:
-    models = (_GarmentFile, _MaterialFile, _Poses, _Step, _Variant, _Grasp)
-    return [name for model in models for name in model.model_fields]
 
 
 def _garment(document: Document, file: _GarmentFile, surface: str) -> Garment:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from foldcell.skills.vocabulary import Array
 
-__all__ = ["fabric_texture", "garment_uv", "table_texture"]
+__all__ = ["TABLE_HSV", "contrasting_colour", "fabric_texture", "garment_uv", "table_texture"]
 
 Texture = NDArray[np.uint8]
 
@@ -28,21 +28,16 @@ def table_texture(rng: np.random.Generator, surface: str) -> Texture:
     )
 
 
-def fabric_texture(rng: np.random.Generator, look: str, surface: str) -> Texture:
-    """Draw a random texture (SIZE, SIZE, 3) RGB: a plain or striped weave with hems.
+def contrasting_colour(rng: np.random.Generator) -> tuple[float, float, float]:
+    """Draw hue, saturation and value (OpenCV) of a fabric whose hue is far from the table's."""
+    hue = rng.choice(FABRIC_HUES) + rng.uniform(-3, 3)
+    return hue, rng.uniform(110, 190), rng.uniform(95, 200)
 
-    look: 'contrast' for a hue far from the table's, or 'table_hue' for the table's hue, slightly lighter or
-    darker.
-    """
-    hue: float
-    saturation: float
-    value: float
-    if look == "table_hue":
-        hue, saturation, plain = TABLE_HSV.get(surface, TABLE_HSV["bare_table"])
-        value = plain + rng.choice([-45.0, 45.0])
-    else:
-        hue = rng.choice(FABRIC_HUES) + rng.uniform(-3, 3)
-        saturation, value = rng.uniform(110, 190), rng.uniform(95, 200)
+
+def fabric_texture(rng: np.random.Generator, colour: tuple[float, float, float]) -> Texture:
+    """Draw a random texture (SIZE, SIZE, 3) RGB: a plain or striped weave with hems. colour: hue, saturation and
+    value (OpenCV)."""
+    hue, saturation, value = colour
     weave = _noise(rng, (0.7, 0.7)) * 5.0 + _noise(rng, (6.0, 6.0)) * 4.0
     bright = np.full((SIZE, SIZE), value) + weave
     if rng.random() < 0.5:

@@ -355,7 +355,7 @@ def bad_input(capsys: pytest.CaptureFixture[str], fake: FakeRun, line: list[str]
 
 
 def test_an_unknown_garment_is_refused(fake: FakeRun, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    bad_input(capsys, fake, ["fold", "medium_towl"], "medium_towl", "did you mean medium_towel")
+    bad_input(capsys, fake, ["fold", "medium_towl"], "medium_towl", "did you mean 'medium_towel'")
     assert not (tmp_path / "logs").exists()
 
 

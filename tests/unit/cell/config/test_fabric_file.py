@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from benchmarks.cloth.meshes import smallest_angle
-from foldcell.cell.config.garments.fabric_file import load_fabrics
+from foldcell.cell.config.garments.fabric_file import PATH, load_fabrics
 from foldcell.cell.config.garments.garment_file import list_garments, load_garment
+from foldcell.cell.config.yaml_file import read_yaml
 from foldcell.cell.simulation.garment.garment import WorldGarment
 from foldcell.cell.simulation.noise import load_noise
 from foldcell.skills.cloth.elasticity import flexural_rigidity
@@ -25,6 +26,15 @@ def test_the_fabric_lies_within_the_ranges_of_its_class(name: str) -> None:
     for quantity in PROPERTIES:
         low, high = getattr(garment.fabric, quantity)
         assert low <= getattr(garment.material, quantity) <= high, quantity
+
+
+def test_every_class_has_an_ordered_range_with_unit_and_source_for_each_property() -> None:
+    for name, entry in read_yaml(PATH, "file of fabrics").data.items():
+        assert set(entry) == {"title", *PROPERTIES, "bending_ratio"}, name
+        for quantity in (*PROPERTIES, "bending_ratio"):
+            assert set(entry[quantity]) == {"range", "unit", "source"}, (name, quantity)
+            low, high = entry[quantity]["range"]
+            assert 0.0 < low <= high, (name, quantity)
 
 
 def test_every_range_has_a_source() -> None:

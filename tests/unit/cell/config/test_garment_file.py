@@ -44,12 +44,12 @@ def test_a_copy_of_a_shipped_file_is_the_same_garment_with_another_name(tmp_path
 def test_the_error_about_an_unknown_name_lists_the_known_names_and_suggests_one() -> None:
     with pytest.raises(ConfigurationError) as caught:
         load_garment("medium_towl")
-    assert "did you mean medium_towel" in str(caught.value)
+    assert "did you mean 'medium_towel'" in str(caught.value)
     assert all(name in str(caught.value) for name in list_garments())
 
 
 BROKEN = {
-    "unknown key": ({"colour": "red"}, ["colour", "not known"]),
+    "unknown key": ({"colour": "red"}, ["unknown key 'colour'", "known here: title, category"]),
     "nearly a key": ({"categry": "towel"}, ["categry", "category"]),
     "millimetres": ({"keypoints": {"a": [-200, -300], "b": [200, -300], "c": [200, 300]}}, ["keypoints", "-200"]),
     "speed out of range": ({"max_tool_speed": 35}, ["max_tool_speed", "35"]),
@@ -72,6 +72,14 @@ BROKEN = {
 def test_errors_in_a_garment_file_are_named(tmp_path: Path, change: dict[str, Any], expected: list[str]) -> None:
     text = refusal(tmp_path, towel() | change)
     assert all(word in text for word in expected), text
+
+
+def test_all_faults_of_a_garment_file_are_named_at_once(tmp_path: Path) -> None:
+    data = towel() | {"layers": 3, "poses": {"x": [54, 62], "y": [0.0, 0.0], "angle_deg": [0, 0]}}
+    text = refusal(tmp_path, data)
+    assert all(
+        word in text for word in ("layers = 3", "poses.x[0] = 54", "poses.x[1] = 62", "range of the place [m]")
+    ), text
 
 
 def test_nested_errors_in_the_plan_are_named(tmp_path: Path) -> None:

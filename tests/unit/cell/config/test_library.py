@@ -51,7 +51,8 @@ def perfect(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def
 
 @pytest.fixture(scope="module")
 def built() -> Library:
-    return build_library([TOWEL], method="initial", predict=perfect)
+    with ThreadPoolExecutor(1) as pool:
+        return build_library([TOWEL], method="initial", predict=perfect, executor=pool)
 
 
 def test_user_entries_take_precedence_and_accumulate(tmp_path: Path, built: Library) -> None:

@@ -14,7 +14,7 @@ import pytest
 from foldcell.cell.simulation.camera.camera import Renderer, SimulatedCamera
 from foldcell.cell.simulation.camera.display_drawing import DisplayDrawing
 from foldcell.cell.simulation.camera.render_server import Picture, Scene, Shot
-from foldcell.cell.simulation.garment.fabric import fabric_texture, garment_uv, table_texture
+from foldcell.cell.simulation.garment.fabric import contrasting_colour, fabric_texture, garment_uv, table_texture
 from foldcell.cell.simulation.noise import load_noise
 from foldcell.cell.simulation.settings import DEFAULT_TABLE
 from foldcell.robots.baxter.camera_mount import MOUNT
@@ -251,7 +251,7 @@ def test_without_a_renderer_a_glimpse_is_black_and_a_still_picture_fails() -> No
 def test_a_contrasting_fabric_differs_from_the_table(seed: int) -> None:
     rng = np.random.default_rng(seed)
     table, fabric = (f.reshape(-1, 3).mean(axis=0) for f in (
-        table_texture(rng, "bare_table"), fabric_texture(rng, "contrast", "bare_table")))  # fmt: skip
+        table_texture(rng, "bare_table"), fabric_texture(rng, contrasting_colour(rng))))  # fmt: skip
     assert np.linalg.norm(table / table.sum() - fabric / fabric.sum()) > 0.1
 
 

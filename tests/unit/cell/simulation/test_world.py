@@ -342,8 +342,6 @@ def test_a_world_continues_from_its_checkpoint(opened: Any) -> None:
 def test_impossible_simulation_settings_are_refused() -> None:
     with pytest.raises(ConfigurationError):
         SimulationSettings(world="clay")
-    with pytest.raises(ConfigurationError):
-        SimulationSettings(fabric="invisible")
     with (
         pytest.raises(ConfigurationError),
         open_simulated_cell(SimulationSettings(garment="nobodys_towel", render=False), 1),
