@@ -17,7 +17,7 @@ a camera that looks away from the table are refused.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -69,12 +69,19 @@ class _File(BaseModel):
     provenance: dict[str, dict[str, Any]] = Field(default={}, description="part -> origin of its values")
 
 
-class _CameraFile(_File):
+class CameraFile(_File):
+    """A camera file as read. table_height [m]: None if the file does not state it."""
+
     kind: Literal["camera"]
     intrinsics: _IntrinsicsFile
     T_table_camera: tuple[_Row, _Row, _Row, _Row] = Field(description="4 rows of 4 numbers")
     head_pan: float = Field(ge=-1.6, le=1.6, strict=True, json_schema_extra={"unit": "rad"})
     table_height: float | None = Field(default=None, ge=-0.6, le=0.5, strict=True, json_schema_extra={"unit": "m"})
+
+    @property
+    def calibration(self) -> CameraCalibration:
+        intrinsics = Intrinsics(**self.intrinsics.model_dump())
+        return CameraCalibration(intrinsics, frozen(np.array(self.T_table_camera)), self.head_pan)
 
 
 class _TableFile(_File):
@@ -88,25 +95,14 @@ class _TactileFile(_File):
     held_force: float = Field(ge=0.05, le=20.0, strict=True, json_schema_extra={"unit": "N"})
 
 
-@dataclass(frozen=True, eq=False)
-class CameraFile:
-    """A camera file as read. table_height [m]: None if the file does not state it."""
-
-    calibration: CameraCalibration
-    table_height: float | None
-    provenance: Mapping[str, Mapping[str, Any]]
-
-
 def read_camera_file(path: Path) -> CameraFile:
     """Read a camera file. Raises ConfigurationError if it is not a valid camera calibration."""
     document = read_yaml(path, "camera calibration file")
-    file = validated(document, _CameraFile)
-    T = np.array(file.T_table_camera)
-    _check_pose(T, f"{document.where(('T_table_camera',))}: T_table_camera")
-    intrinsics = Intrinsics(**file.intrinsics.model_dump())
-    _check_lens(intrinsics, document.where(("intrinsics",)))
-    calibration = CameraCalibration(intrinsics, frozen(T), file.head_pan)
-    return CameraFile(calibration, file.table_height, file.provenance)
+    file = validated(document, CameraFile)
+    calibration = file.calibration
+    _check_pose(calibration.T_table_camera, f"{document.where(('T_table_camera',))}: T_table_camera")
+    _check_lens(calibration.intrinsics, document.where(("intrinsics",)))
+    return file
 
 
 def load_camera_calibration(path: Path, table: Table | None = None) -> CameraCalibration:
@@ -116,9 +112,9 @@ def load_camera_calibration(path: Path, table: Table | None = None) -> CameraCal
     file = read_camera_file(path)
     if table is None or file.table_height is None:
         return file.calibration
-    T = np.array(file.calibration.T_table_camera)
+    T = np.array(file.T_table_camera)
     T[2, 3] += file.table_height - table.height
-    return CameraCalibration(file.calibration.intrinsics, frozen(T), file.calibration.head_pan)
+    return replace(file.calibration, T_table_camera=frozen(T))
 
 
 def load_table_height(path: Path) -> float:

@@ -13,7 +13,6 @@ from foldcell.cell.commands.options import Commands, add_command, cell_option, j
 from foldcell.cell.commands.output import print_json, refuse_drawing, write_drawing
 from foldcell.cell.config.cell_settings import CellSettings, load_settings
 from foldcell.cell.config.garments.garment_file import load_garment
-from foldcell.cell.config.garments.new_garment import check_plan
 from foldcell.cell.hardware.cell_check import refuse_unfit_cell
 from foldcell.cell.hardware.placement import (
     PlacedFold,
@@ -73,7 +72,6 @@ def _checked(name: str, options: argparse.Namespace, settings: CellSettings) -> 
     """Check one file, and say what was found. Returns the figures for --json. Raises ConfigurationError for a file
     that cannot be used."""
     garment = load_garment(name, settings.surface)
-    check_plan(name, garment)
     if options.draw is not None:
         for kind in ("drawing", "on-table", "predicted"):
             refuse_drawing(options.draw, f"{garment.name}-{kind}")

@@ -49,6 +49,7 @@ __all__ = [
     "garment_path",
     "list_garments",
     "load_garment",
+    "parse_garment",
     "shipped_garment_path",
 ]
 
@@ -87,13 +88,15 @@ def load_garment(name_or_path: str | Path, surface: str = DEFAULT_SURFACE) -> Ga
     Raises ConfigurationError with the file, the line, the key, the value and the allowed values.
     """
     path = garment_path(name_or_path)
-    return _parsed(path, read_text(path, WHAT), surface)
+    return parse_garment(path, read_text(path, WHAT), surface)
 
 
 @lru_cache(maxsize=64)
-def _parsed(path: Path, text: str, surface: str) -> Garment:
-    """Return the garment of a file with this text. A run asks for each garment several times, and checking all
-    ways to fold it takes long."""
+def parse_garment(path: Path, text: str, surface: str) -> Garment:
+    """Return the garment of a file with this text, as `load_garment` does. path: name of the file, for messages.
+
+    A run asks for each garment several times, and checking all ways to fold it takes long.
+    """
     document = parse_yaml(text, path, WHAT)
     file = validated(document, _GarmentFile)
     garment = _garment(document, file, surface)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import copy
 import re
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from foldcell.cell.config.garments.garment_file import DEFAULT_SURFACE, load_garment
+from foldcell.cell.config.garments.garment_file import DEFAULT_SURFACE, parse_garment
 from foldcell.cell.config.yaml_file import parse_yaml
 
 __all__ = ["with_material"]
@@ -42,10 +41,7 @@ def with_material(
     edited = _edited(text, changed)
     if parse_yaml(edited, file, "garment file").data != wanted:  # the layout does not allow editing by lines
         edited = yaml.safe_dump(wanted, sort_keys=False, allow_unicode=True)
-    with tempfile.TemporaryDirectory() as folder:
-        trial = Path(folder) / file
-        trial.write_text(edited, encoding="utf-8")
-        load_garment(trial, surface)
+    parse_garment(file, edited, surface)
     return edited
 
 

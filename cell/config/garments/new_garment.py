@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -10,14 +9,12 @@ from typing import Any
 import numpy as np
 import yaml
 
-from foldcell.cell.config.garments.garment_file import FABRIC_FIELDS, garment_path, load_garment
+from foldcell.cell.config.garments.garment_file import FABRIC_FIELDS, garment_path, load_garment, parse_garment
 from foldcell.cell.config.yaml_file import read_yaml
-from foldcell.robots.errors import ConfigurationError
 from foldcell.robots.ports import Array
-from foldcell.skills.fold_plan.plan import plan_folds
 from foldcell.skills.garments.garment import Garment, PoseRange
 
-__all__ = ["check_plan", "new_garment_text"]
+__all__ = ["new_garment_text"]
 
 
 def new_garment_text(
@@ -45,22 +42,8 @@ def new_garment_text(
     points = {n: [round(float(v), 4) for v in p] for n, p in zip(data["keypoints"], template, strict=True)}
     data |= {"title": title, "keypoints": points, "material": fabric}
     head = f"# {origin}\n# Folds and fabric are those of {like}: measure the fabric (foldcell calibrate).\n"
-    with tempfile.TemporaryDirectory() as folder:
-        trial = Path(folder) / f"{name}.yaml"
-        trial.write_text(head + _dumped(data), encoding="utf-8")
-        garment = load_garment(trial, surface)
-    check_plan(name, garment)
-    poses = fitting(garment)
+    poses = fitting(parse_garment(Path(f"{name}.yaml"), head + _dumped(data), surface))
     return head + _dumped(data if poses is None else data | {"poses": _written(poses)})
-
-
-def check_plan(name: str, garment: Garment) -> None:
-    """Check that the folds of the garment can be planned. Raises ConfigurationError if they cannot."""
-    planned = plan_folds(garment.flat_state(*garment.poses.middle), garment)
-    if planned.failure is not None:
-        raise ConfigurationError(
-            f"{name}: its folds cannot be planned: {planned.failure.what}", planned.failure.hint
-        )
 
 
 def _written(poses: PoseRange) -> dict[str, list[float]]:

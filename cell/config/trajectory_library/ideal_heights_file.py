@@ -6,7 +6,6 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, astuple, fields
-from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -36,7 +35,7 @@ def ideal_heights_of(garment: Garment, library: Path | None = None) -> tuple[Ide
     counts as empty."""
     paths = [] if library is None else [user_heights_path(library)]
     for path in (*paths, shipped_heights_path()):
-        found = _heights(_read(path, _changed(path)).get(garment.name), garment)
+        found = _heights(_read(path).get(garment.name), garment)
         if found:
             return found
     return ()
@@ -57,7 +56,7 @@ def put_ideal_heights(path: Path, garment: Garment, heights: Sequence[IdealFoldH
     """Store the heights of a garment. Raises StorageError."""
     rows = [{name: round(value, 6) for name, value in asdict(h).items()} for h in heights]
     with alone_with(path):
-        known = {**_read(path, _changed(path)), garment.name: {"of": _identity(garment), "heights": rows}}
+        known = {**_read(path), garment.name: {"of": _identity(garment), "heights": rows}}
         write_text(path, json.dumps({"schema": SCHEMA, "garments": dict(sorted(known.items()))}, indent=1) + "\n")
 
 
@@ -74,17 +73,8 @@ def _identity(garment: Garment) -> dict[str, Any]:
     }
 
 
-def _changed(path: Path) -> float:
-    try:
-        return path.stat().st_mtime
-    except OSError:
-        return 0.0
-
-
-@lru_cache(maxsize=4)
-def _read(path: Path, changed: float) -> Mapping[str, Any]:
-    """Return the entries of a file; empty if it is missing or damaged. changed: time of the file's last change.
-    The file is read again if this time is new."""
+def _read(path: Path) -> Mapping[str, Any]:
+    """Return the entries of a file; empty if it is missing or damaged."""
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import fcntl
 import itertools
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib import metadata, resources
@@ -95,11 +95,7 @@ def entry_of(
 def add_entry(logs: Path, entry: LibraryEntry) -> Path:
     """Add a fold to the user's library. A broken library is renamed first. Raises StorageError."""
     path = user_library_path(logs)
-    with alone_with(path):
-        library, refused = _load(path)
-        if refused:
-            _set_aside(path)
-        write_library(path, library.with_entry(entry))
+    _change(path, lambda there: there.with_entry(entry))
     return path
 
 
@@ -108,13 +104,20 @@ def put_garments(path: Path, library: Library, garments: Iterable[str]) -> None:
 
     A broken library is renamed first. Raises StorageError.
     """
+    built = set(garments)
+
+    def changed(there: Library) -> Library:
+        return library.merged(Library(tuple(e for e in there.entries if e.garment not in built)))
+
+    _change(path, changed)
+
+
+def _change(path: Path, changed: Callable[[Library], Library]) -> None:
     with alone_with(path):
-        there, refused = _load(path)
+        library, refused = _load(path)
         if refused:
             _set_aside(path)
-        built = set(garments)
-        others = Library(tuple(e for e in there.entries if e.garment not in built))
-        write_library(path, library.merged(others))
+        write_library(path, changed(library))
 
 
 def write_library(path: Path, library: Library) -> None:
