@@ -28,6 +28,22 @@ _FABRIC = (
     " the grasps of this fold, or give it another variant"
 )
 _LESS_FORCE = "fold more slowly (max_tool_speed in the garment file), or lay the garment on a rougher surface"
+_PRESSED = (
+    "a run presses its creases (pressing.max_attempts in cell.yaml), which the prediction leaves out; check"
+    " thickness and bending_length of the fabric, or fold it less often"
+)
+_SHAPE = {
+    "iou": ("it overlaps its planned shape by {:.2f} (at least {:.2f})", 1.0, _FABRIC),
+    "correspondence_m": ("the cloth lies {:.0f} mm off on average (limit {:.0f} mm)", 1e3, _FABRIC),
+    "edges_m": ("edges that belong together lie {:.0f} mm apart (limit {:.0f} mm)", 1e3, _FABRIC),
+    "drift_m": ("the garment is dragged {:.0f} mm away (limit {:.0f} mm)", 1e3, _LESS_FORCE),
+    "drift_rad": ("the garment is turned by {:.0f} degrees (limit {:.0f})", math.degrees(1.0), _LESS_FORCE),
+}
+_HEIGHTS = {
+    "height_m": ("it stands {:.0f} mm high (limit {:.0f} mm)", 1e3, _PRESSED),
+    "crease_height_m": ("its creases stand {:.0f} mm high (limit {:.0f} mm)", 1e3, _PRESSED),
+}
+"""Figure of the score -> text with value and limit, factor to the unit of the text, and hint."""
 
 
 @dataclass(frozen=True)
@@ -142,38 +158,22 @@ def _keypoint(
 def _shape(score: Score, known: bool, with_edges: bool) -> Iterator[Reason]:
     """Say which figures of the silhouette are beyond their limits. known: whether another reason already says that
     the cloth is off its place. Then only the overlap is judged."""
-    figures = score.figures
-    if not figures["iou"].passed:
-        value, least = figures["iou"].value, figures["iou"].limit
-        yield Reason(f"it overlaps its planned shape by {value:.2f} (at least {least:.2f})", _FABRIC)
-    if known:
-        return
-    mean, edges = figures["correspondence_m"], figures["edges_m"]
-    if not mean.passed:
-        yield Reason(f"the cloth lies {_mm(mean.value)} off on average (limit {_mm(mean.limit)})", _FABRIC)
-    if with_edges and not edges.passed:
-        yield Reason(
-            f"edges that belong together lie {_mm(edges.value)} apart (limit {_mm(edges.limit)})", _FABRIC
-        )
-    drift, turn = figures["drift_m"], figures["drift_rad"]
-    if not drift.passed:
-        yield Reason(f"the garment is dragged {_mm(drift.value)} away (limit {_mm(drift.limit)})", _LESS_FORCE)
-    if not turn.passed:
-        angle, most = math.degrees(turn.value), math.degrees(turn.limit)
-        yield Reason(f"the garment is turned by {angle:.0f} degrees (limit {most:.0f})", _LESS_FORCE)
+    for name in ("iou",) if known else _SHAPE:
+        if with_edges or name != "edges_m":
+            yield from _beyond(score, name, _SHAPE[name])
 
 
 def _heights(score: Score) -> Iterator[Reason]:
-    if score.ideal is None:
-        return
-    hint = (
-        "a run presses its creases (pressing.max_attempts in cell.yaml), which the prediction leaves out; check"
-        " thickness and bending_length of the fabric, or fold it less often"
-    )
-    for name, part in (("height_m", "it stands"), ("crease_height_m", "its creases stand")):
-        figure = score.figures[name]
-        if not figure.passed:
-            yield Reason(f"{part} {_mm(figure.value)} high (limit {_mm(figure.limit)})", hint)
+    if score.ideal is not None:
+        for name, words in _HEIGHTS.items():
+            yield from _beyond(score, name, words)
+
+
+def _beyond(score: Score, name: str, words: tuple[str, float, str]) -> Iterator[Reason]:
+    """Yield a reason if a figure is beyond its limit. words: text, factor to the unit of the text, and hint."""
+    figure, (text, factor, hint) = score.figures[name], words
+    if not figure.passed:
+        yield Reason(text.format(factor * figure.value, factor * figure.limit), hint)
 
 
 def _mm(length: float) -> str:
