@@ -38,7 +38,7 @@ def page() -> str:
         lines.append(f"| {events}{changes} | {_name(other.when)} | {other.event.value.replace('_', ' ')} |")
         conditions.append(other.when)
     lines += ["", "| condition | it holds if |", "|---|---|"]
-    lines += [f"| {_name(c)} | {' '.join((c.__doc__ or '').split())} |" for c in dict.fromkeys(conditions)]
+    lines += [f"| {_name(c)} | {c.says} |" for c in dict.fromkeys(conditions)]
     return INTRO + "\n".join(lines) + "\n"
 
 
@@ -54,7 +54,7 @@ def _row(row: Recovery) -> str:
 
 
 def _name(condition: Condition) -> str:
-    return f"*{condition.__name__.replace('_', ' ')}*"
+    return f"*{condition.name}*"
 
 
 def _names(adjustments: Iterable[Adjustment]) -> str:

@@ -73,17 +73,11 @@ class Situation:
     """What is known after a failure. The defaults are those of a planned fold, before the hands take cloth.
 
     attempt: number of failures of this kind in the present fold, this one included; the verdicts of inspections
-    count together. edited: whether the operator has changed the plan of the fold, and the hands have not
-    approached yet. held: whether a hand holds cloth. If an inspection failed, overlap: IoU of observed and
-    predicted shape; deviation_m: the larger of the outline's deviation and the length of cloth left behind [m];
-    lasting_defect: whether the finished garment would fail by the shape of this fold.
-
-
     count together. patience_s: how long the cell looks again after a failure of seeing [s]. edited: whether the
     operator has changed the plan of the fold, and the hands have not approached yet. held: whether a hand holds
     cloth. If an inspection failed, overlap: IoU of observed and predicted shape; deviation_m: the larger of the
-    outline's deviation and the length of cloth left behind [m].
-    The conditions below explain the other values.
+    outline's deviation and the length of cloth left behind [m]; lasting_defect: whether the finished garment would
+    fail by the shape of this fold. The conditions below explain the other values.
     """
 
     kind: FailureKind
@@ -113,30 +107,16 @@ class Situation:
     trajectory: bool = True
 
 
-Condition = Callable[[Situation], bool]
+@dataclass(frozen=True)
+class Condition:
+    """A condition by which the recovery table tells situations apart. says: when it holds, for the operator."""
 
+    name: str
+    says: str
+    holds: Callable[[Situation], bool]
 
-def edits_impossible(s: Situation) -> bool:
-    """the fold cannot be planned as the operator has changed it"""
-    return s.edited and s.kind in PLANNING_FAILURES
-
-
-def carried(s: Situation) -> bool:
-    """the hands completed the fold"""
-    return s.carried
-
-
-def near_enough(s: Situation) -> bool:
-    """the hands completed the fold, another fold follows, and this one is near enough to its prediction for it: an
-    IoU of at least 0.85, and edges at most 30 mm off"""
-    near = s.overlap >= GOOD_ENOUGH_IOU and s.deviation_m <= GOOD_ENOUGH_M
-    return s.carried and not s.last_fold and near
-
-
-def good_enough(s: Situation) -> bool:
-    """the next fold can build on this one (an IoU of at least 0.85, edges at most 30 mm off), and this one has no
-    defect of its shape that spoils the finished garment"""
-    return near_enough(s) and not s.lasting_defect
+    def __call__(self, s: Situation) -> bool:
+        return self.holds(s)
 
 
 def wait_before_look(attempt: int, patience_s: float) -> tuple[float, float]:
@@ -148,87 +128,85 @@ def wait_before_look(attempt: int, patience_s: float) -> tuple[float, float]:
     return wait, left - wait
 
 
-def patient(s: Situation) -> bool:
-    """the cell has waited for less than `recovery.patience`: 1 s at first, then twice as long each time"""
-    return wait_before_look(s.attempt, s.patience_s)[0] > 0
-
-
-def too_many_layers(s: Situation) -> bool:
-    """a hand held more layers than planned"""
-    return s.too_many_layers
-
-
-def stood_low(s: Situation) -> bool:
-    """the hand stood low enough for the lowest layer: the layers that it missed end beside its pads"""
-    return s.stood_low
-
-
-def repairable(s: Situation) -> bool:
-    """it is known well enough how the garment lies to complete or to undo the fold"""
-    return s.repairable
-
-
-def not_failed_alike(s: Situation) -> bool:
-    """the fold was not already made anew and refused for the same reason"""
-    return not s.failed_alike
-
-
-def lies_as_before(s: Situation) -> bool:
-    """the garment is estimated to lie as before the fold, so that there is nothing to repair"""
-    return s.lies_as_before
-
-
-def spreadable(s: Situation) -> bool:
-    """a pull may spread the garment: it is the first fold, the garment was seen flat, `recovery.pulls` are left,
-    and the last pull helped"""
-    return s.spreadable
-
-
-def another_variant(s: Situation) -> bool:
-    """the garment file has a variant of this fold that was not tried"""
-    return s.other_variant
-
-
-def run_tries_used_up(s: Situation) -> bool:
-    """the run was tried again as often as `recovery.attempts_per_run` allows"""
-    return not s.run_tries_left
-
-
-def fold_tries_used_up(s: Situation) -> bool:
-    """the fold was tried again as often as `recovery.attempts_per_step` allows"""
-    return not s.fold_tries_left
-
-
-def repairing(s: Situation) -> bool:
-    """a repair or a pull is in progress: the next one is planned from the next picture"""
-    return s.repairing
-
-
-def cloth_taken(s: Situation) -> bool:
-    """the hands completed the fold or hold cloth: released cloth may lie anywhere"""
-    return s.carried or s.held
-
-
-def not_recognised(s: Situation) -> bool:
-    """the garment was not recognised yet"""
-    return not s.recognised
-
-
-def not_planned(s: Situation) -> bool:
-    """the folds were not planned yet"""
-    return not s.planned
-
-
-def no_trajectory(s: Situation) -> bool:
-    """the arcs of the fold were not chosen yet"""
-    return not s.trajectory
-
-
-def table_unseen(s: Situation) -> bool:
-    """the empty table must be photographed before the garment is laid on it"""
-    return not s.table_seen
-
-
-def unattended(s: Situation) -> bool:
-    """no operator is there"""
-    return not s.attended
+edits_impossible = Condition(
+    "edits impossible",
+    "the fold cannot be planned as the operator has changed it",
+    lambda s: s.edited and s.kind in PLANNING_FAILURES,
+)
+carried = Condition("carried", "the hands completed the fold", lambda s: s.carried)
+near_enough = Condition(
+    "near enough",
+    "the hands completed the fold, another fold follows, and this one is near enough to its prediction for it: an"
+    " IoU of at least 0.85, and edges at most 30 mm off",
+    lambda s: s.carried and not s.last_fold and s.overlap >= GOOD_ENOUGH_IOU and s.deviation_m <= GOOD_ENOUGH_M,
+)
+good_enough = Condition(
+    "good enough",
+    "the next fold can build on this one (an IoU of at least 0.85, edges at most 30 mm off), and this one has no"
+    " defect of its shape that spoils the finished garment",
+    lambda s: near_enough(s) and not s.lasting_defect,
+)
+patient = Condition(
+    "patient",
+    "the cell has waited for less than `recovery.patience`: 1 s at first, then twice as long each time",
+    lambda s: wait_before_look(s.attempt, s.patience_s)[0] > 0,
+)
+too_many_layers = Condition("too many layers", "a hand held more layers than planned", lambda s: s.too_many_layers)
+stood_low = Condition(
+    "stood low",
+    "the hand stood low enough for the lowest layer: the layers that it missed end beside its pads",
+    lambda s: s.stood_low,
+)
+repairable = Condition(
+    "repairable",
+    "it is known well enough how the garment lies to complete or to undo the fold",
+    lambda s: s.repairable,
+)
+not_failed_alike = Condition(
+    "not failed alike",
+    "the fold was not already made anew and refused for the same reason",
+    lambda s: not s.failed_alike,
+)
+lies_as_before = Condition(
+    "lies as before",
+    "the garment is estimated to lie as before the fold, so that there is nothing to repair",
+    lambda s: s.lies_as_before,
+)
+spreadable = Condition(
+    "spreadable",
+    "a pull may spread the garment: it is the first fold, the garment was seen flat, `recovery.pulls` are left,"
+    " and the last pull helped",
+    lambda s: s.spreadable,
+)
+another_variant = Condition(
+    "another variant", "the garment file has a variant of this fold that was not tried", lambda s: s.other_variant
+)
+run_tries_used_up = Condition(
+    "run tries used up",
+    "the run was tried again as often as `recovery.attempts_per_run` allows",
+    lambda s: not s.run_tries_left,
+)
+fold_tries_used_up = Condition(
+    "fold tries used up",
+    "the fold was tried again as often as `recovery.attempts_per_step` allows",
+    lambda s: not s.fold_tries_left,
+)
+repairing = Condition(
+    "repairing",
+    "a repair or a pull is in progress: the next one is planned from the next picture",
+    lambda s: s.repairing,
+)
+cloth_taken = Condition(
+    "cloth taken",
+    "the hands completed the fold or hold cloth: released cloth may lie anywhere",
+    lambda s: s.carried or s.held,
+)
+not_recognised = Condition("not recognised", "the garment was not recognised yet", lambda s: not s.recognised)
+not_planned = Condition("not planned", "the folds were not planned yet", lambda s: not s.planned)
+no_trajectory = Condition("no trajectory", "the arcs of the fold were not chosen yet", lambda s: not s.trajectory)
+table_unseen = Condition(
+    "table unseen",
+    "the empty table must be photographed before the garment is laid on it",
+    lambda s: not s.table_seen,
+)
+unattended = Condition("unattended", "no operator is there", lambda s: not s.attended)
