@@ -25,7 +25,7 @@ import cv2
 import numpy as np
 
 from foldcell.calibration.shear import clip_and_lowest
-from foldcell.cell.commands.output import print_table
+from foldcell.cell.commands.output import table
 from foldcell.cell.config.garments.garment_file import load_garment
 from foldcell.robots.ports import Array
 from foldcell.skills.garments.picture_measure import mirror_images
@@ -195,7 +195,7 @@ def main() -> int:
         rows.append(made_and_folded(own, options.first_seed + k, options.out))
         print(f"{k + 1}/{len(OWN)} {own.name}: {rows[-1]}", file=sys.stderr, flush=True)
         (options.out / "own_garments.json").write_text(json.dumps(rows, indent=1), encoding="utf-8")
-    print_table(
+    lines = table(
         ("garment", "like", "made", "worst key point [mm]", "fits", "predicted", "result", "passed"),
         [
             (
@@ -205,6 +205,7 @@ def main() -> int:
             for r in rows
         ],
     )  # fmt: skip
+    print(*lines, sep="\n")
     passed = sum(bool(r.get("passed")) for r in rows)
     print(f"{passed} of {len(rows)} passed the score (needed: {NEEDED})")
     return 0 if passed >= NEEDED else 2

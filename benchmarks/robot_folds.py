@@ -14,7 +14,7 @@ from collections import Counter
 import numpy as np
 
 from benchmarks.motion.workload import tasks
-from foldcell.cell.commands.output import print_table
+from foldcell.cell.commands.output import table
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.robots.registry import find_robot
 from foldcell.skills.motion.moves.fold import plan_fold_motion
@@ -42,7 +42,9 @@ def main() -> int:
         planned[task.garment.name] += outcome.ok
         if outcome.failure is not None:
             failures[task.garment.name, outcome.failure.what] += 1
-    print_table(("garment", "folds", "planned"), [(name, n, planned[name]) for name, n in folds.items()])
+    print(
+        *table(("garment", "folds", "planned"), [(name, n, planned[name]) for name, n in folds.items()]), sep="\n"
+    )
     for (name, what), count in failures.most_common():
         print(f"{count} of {name}: {what}")
     print(f"{planned.total()} of {folds.total()} folds have a plan")

@@ -13,10 +13,10 @@ import os
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from foldcell.cell.commands.exit_codes import USAGE, framed
-from foldcell.cell.commands.options import Commands, add_command
+from foldcell.cell.commands.options import add_command, performed_by
 from foldcell.cell.support.files.names import checked_name
 
 __all__ = ["build_parser", "main"]
@@ -51,8 +51,9 @@ COMMANDS: Mapping[str, tuple[str | tuple[str, ...], str]] = {
     "doctor": ("installation.doctor", "check the installation: what is missing, and what to do"),
     "chart": ("installation.chart", "draw the chart of the states (needs Graphviz)"),
 }
-"""Name of each command -> its module in `cell.commands`, and its help text. The module has `add_options(parser)`.
-A command with actions has a tuple of modules; each has `add_options(actions)`, which adds one or more actions."""
+"""Name of each command -> its module in `cell.commands`, and its help text. The module has `add_options(parser)`
+and `run(options)`. A command with actions has a tuple of modules; each has `add_options(actions)`, which adds one
+or more actions."""
 
 GARBAGE = 50_000
 """Python looks for cycles of garbage after this number of new objects. With its own number, 700, this took a tenth
@@ -106,17 +107,19 @@ def build_parser(only: Sequence[str] = ()) -> argparse.ArgumentParser:
         if only and only[0] != name:
             continue
         if isinstance(modules, str):
-            _add_options(modules, command)
+            module = _module(modules)
+            performed_by(command, module.run)
+            module.add_options(command)
             continue
         actions = command.add_subparsers(title="actions", metavar="ACTION", required=True)
-        named = [module for module in modules if module.rpartition(".")[2] in only[1:]]
-        for module in named or modules:
-            _add_options(module, actions)
+        named = [path for path in modules if path.rpartition(".")[2] in only[1:]]
+        for path in named or modules:
+            _module(path).add_options(actions)
     return parser
 
 
-def _add_options(module: str, to: argparse.ArgumentParser | Commands) -> None:
-    importlib.import_module(f"foldcell.cell.commands.{module}").add_options(to)
+def _module(name: str) -> Any:
+    return importlib.import_module(f"foldcell.cell.commands.{name}")
 
 
 class _Version(argparse.Action):

@@ -18,11 +18,13 @@ def add_command(commands: Commands, name: str, about: str, run: Run | None = Non
         name, help=about, description=about[:1].upper() + about[1:] + ".", allow_abbrev=False
     )
     if run is not None:
-        parser.set_defaults(run=run)
+        performed_by(parser, run)
     return parser
 
 
-def json_option(parser: argparse.ArgumentParser) -> None:
+def performed_by(parser: argparse.ArgumentParser, run: Run) -> None:
+    """Let `run` perform a command, and add the option that all commands have."""
+    parser.set_defaults(run=run)
     parser.add_argument("--json", action="store_true", help="one JSON object as the last line of standard output")
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from argparse import Namespace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,18 +14,31 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["print_json", "print_table", "progress_stream", "refuse_drawing", "write_drawing"]
+__all__ = [
+    "answer",
+    "confirmed",
+    "progress_stream",
+    "refuse_drawing",
+    "table",
+    "teller",
+    "write_drawing",
+]
 
 
-def print_json(value: Mapping[str, Any]) -> None:
-    """Print one JSON object on one line. The line is in ASCII, which every stream can encode."""
+def answer(options: Namespace, figures: Mapping[str, Any], lines: Iterable[str], code: int = 0) -> int:
+    """Print the result of a command: with --json the figures for programs, else the lines for people. Returns the
+    exit code of the command."""
     from foldcell.cell.support.json_values import to_json
 
-    print(json.dumps(to_json(value), allow_nan=False), flush=True)
+    if options.json:  # one line, in ASCII, which every stream can encode
+        lines = [json.dumps(to_json(figures), allow_nan=False)]
+    for line in lines:
+        print(line, flush=True)
+    return code
 
 
-def print_table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
-    """Print a table. Columns of numbers are aligned to the right."""
+def table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> Iterator[str]:
+    """Yield the lines of a table. Columns of numbers are aligned to the right."""
     cells = [[_text(v) for v in row] for row in rows]
     width = [max(len(line[i]) for line in (list(head), *cells)) for i in range(len(head))]
     right = [
@@ -32,7 +47,7 @@ def print_table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
     ]
     for line in (list(head), *cells):
         padded = [c.rjust(w) if r else c.ljust(w) for c, w, r in zip(line, width, right, strict=True)]
-        print("  ".join(padded).rstrip())
+        yield "  ".join(padded).rstrip()
 
 
 def _text(value: Any) -> str:
@@ -44,6 +59,17 @@ def _text(value: Any) -> str:
 def progress_stream(as_json: bool) -> Any:
     """Return the stream for progress messages: standard error with --json, else standard output."""
     return sys.stderr if as_json else sys.stdout
+
+
+def teller(as_json: bool) -> Callable[[str], None]:
+    """Return a function that prints a progress message at once."""
+    return partial(print, file=progress_stream(as_json), flush=True)
+
+
+def confirmed(question: str) -> bool:
+    """Ask the person at the terminal. Whether the answer is yes."""
+    print(f"{question} (yes) ", end="", file=sys.stderr, flush=True)
+    return sys.stdin is not None and sys.stdin.readline().strip().lower() == "yes"
 
 
 def write_drawing(folder: Path, name: str, picture: NDArray[np.uint8]) -> str:

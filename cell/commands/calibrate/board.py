@@ -9,8 +9,8 @@ from typing import Any
 from foldcell.calibration.board import BOARD, DICTIONARY
 from foldcell.calibration.board_sheet import PAGE, PIXELS_PER_MM, RULER_MM, draw_sheet
 from foldcell.cell.calibrating.sheet_file import SHEET_FORMATS, SHEET_MARKS
-from foldcell.cell.commands.options import Commands, add_command, json_option
-from foldcell.cell.commands.output import print_json
+from foldcell.cell.commands.options import Commands, add_command
+from foldcell.cell.commands.output import answer
 from foldcell.cell.support.files.own_file import refuse_foreign
 from foldcell.cell.support.files.whole_file import write_whole
 from foldcell.robots.errors import ConfigurationError
@@ -22,11 +22,9 @@ def add_options(actions: Commands) -> None:
     board = add_command(
         actions, "board", "write the calibration board as a page to print, A4 and true to scale", run
     )
-    board.set_defaults(action="board")
     board.add_argument(
         "--output", type=Path, required=True, metavar="FILE", help="the page: .pdf, or .png of 304.8 dots an inch"
     )
-    json_option(board)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -39,17 +37,13 @@ def run(options: argparse.Namespace) -> int:
     refuse_foreign(path, SHEET_MARKS[path.suffix.lower()])
     write_whole(path, write(draw_sheet(), PIXELS_PER_MM))
     figures = _figures() | {"file": str(path.absolute())}
-    if options.json:
-        print_json({"calibration": "board", **figures})
-        return 0
-    for name, value in figures.items():
-        print(f"  {name:<28} {_shown(value)}")
-    print(
+    following = (
         f"  next: print it at 100 % (not 'fit to page'), measure the line of {RULER_MM} mm and the pattern, cut"
         f" the card\n  to {_shown(figures['card_mm'])} mm and glue it flat on a stiff plate with a tab"
         " (docs/do/calibrate.md, Print the board)"
     )
-    return 0
+    lines = [f"  {name:<28} {_shown(value)}" for name, value in figures.items()]
+    return answer(options, {"calibration": "board", **figures}, [*lines, following])
 
 
 def _figures() -> dict[str, Any]:

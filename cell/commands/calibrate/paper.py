@@ -11,7 +11,7 @@ from foldcell.calibration.shear import ShearCalibration, clip_and_lowest
 from foldcell.cell.commands.calibrate.fabric_calibrations import hang_test, modulus, tilt_test
 from foldcell.cell.commands.calibrate.run_on_fabric import Tell, add_action, check_output, provenance
 from foldcell.cell.commands.options import Commands
-from foldcell.cell.commands.output import print_json, print_table, progress_stream
+from foldcell.cell.commands.output import answer, table, teller
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.config.garments.garment_file import load_garment, shipped_garment_path
 from foldcell.cell.config.garments.material_file import with_material
@@ -44,11 +44,7 @@ def add_options(actions: Commands) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    stream = progress_stream(options.json)
-
-    def tell(line: str) -> None:
-        print(line, file=stream, flush=True)
-
+    tell = teller(options.json)
     with report_compilation(tell):
         return _calibrate(options, load_settings(options.cell).surface, tell)
 
@@ -84,15 +80,12 @@ def _calibrate(options: argparse.Namespace, surface: str, tell: Tell) -> int:
         if options.output is not None:
             _write_paper(options.output / f"{name}.yaml", name, surface, hung)
         tell(f"{name} done")
-    if options.json:
-        print_json({"calibration": "paper", "simulated": True, "garments": rows})
-        return 0
-    print_table(
+    lines = table(
         ("garment", "stretch %: paper", "simulated", "spread", "hang drop m", "membrane N/m", "Maya shear",
          "angle deg: paper", "friction tan", "simulated", "Maya"),
         [tuple(v if isinstance(v, str) else f"{v:.3g}" for v in row.values()) for row in rows],
     )  # fmt: skip
-    return 0
+    return answer(options, {"calibration": "paper", "simulated": True, "garments": rows}, lines)
 
 
 def _write_paper(path: Path, name: str, surface: str, hung: ShearCalibration) -> None:

@@ -4,23 +4,15 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from foldcell.calibration.effects import Procedure
 from foldcell.cell.calibrating.session import CalibrationEnd, CalibrationRequest, calibrate
-from foldcell.cell.commands.options import (
-    Commands,
-    add_command,
-    cell_option,
-    driver_option,
-    json_option,
-    logs_option,
-    seed,
-)
-from foldcell.cell.commands.output import print_json, progress_stream
+from foldcell.cell.commands.options import Commands, add_command, cell_option, driver_option, logs_option, seed
+from foldcell.cell.commands.output import answer, teller
 from foldcell.cell.config.calibration_file import read_camera_file
 from foldcell.cell.config.cell_settings import CellSettings, load_settings
 from foldcell.cell.hardware.cell_check import refuse_unfit_cell
@@ -66,7 +58,6 @@ def add_action(actions: Commands, name: str, about: str, choose: Choose) -> argp
     action.add_argument("--output", type=Path, metavar="FILE", help="file to write (in the run's folder)")
     cell_option(action)
     logs_option(action)
-    json_option(action)
     driver_option(action)
     action.add_argument("--realtime", action="store_true", help="simulated time passes no faster than the clock")
     return action
@@ -77,7 +68,6 @@ def _run(options: argparse.Namespace, name: str, choose: Choose) -> int:
     chosen = choose(options, settings)
     if options.output is not None:
         refuse_foreign(options.output, b"by: foldcell calibrate ")
-    stream = progress_stream(options.json)
     request = CalibrationRequest(
         name=f"calibrate-{name}",
         seed=options.seed,
@@ -85,7 +75,7 @@ def _run(options: argparse.Namespace, name: str, choose: Choose) -> int:
         settings=settings,
         logs=prepare_logs(logs_directory(options.logs)),
         realtime=options.realtime,
-        say=lambda text: print(text, file=stream, flush=True),
+        say=teller(options.json),
     )
 
     def figures(value: Any, truth: Truth | None) -> dict[str, Any]:
@@ -99,11 +89,7 @@ def _run(options: argparse.Namespace, name: str, choose: Choose) -> int:
         file = _write(options, name, chosen, end)
         warnings = filter(None, (chosen.warning, unfit_with(settings, chosen.setting, file)))
         report |= figures(end.value, end.truth) | {"warning": "; ".join(warnings) or None, "file": str(file)}
-    if options.json:
-        print_json(report)
-    else:
-        _summary(chosen, end, report)
-    return end.exit_code
+    return answer(options, report, _lines(chosen, end, report), end.exit_code)
 
 
 def _write(options: argparse.Namespace, name: str, chosen: CellCalibration, end: CalibrationEnd[Any]) -> Path:
@@ -133,22 +119,22 @@ def unfit_with(settings: CellSettings, setting: str, file: Path) -> str:
     return ""
 
 
-def _summary(chosen: CellCalibration, end: CalibrationEnd[Any], report: Mapping[str, Any]) -> None:
+def _lines(chosen: CellCalibration, end: CalibrationEnd[Any], report: Mapping[str, Any]) -> Iterator[str]:
     words = {"done": "done", "not_done": "NOT DONE (the cell is safe)", "fault": "FAULT"}
-    print(f"\ncalibrate {report['calibration']}, seed {report['seed']}: {words[end.result]}")
+    yield f"\ncalibrate {report['calibration']}, seed {report['seed']}: {words[end.result]}"
     if end.failure:
-        print(f"  {end.failure.what}\n  {end.failure.hint}")
+        yield f"  {end.failure.what}\n  {end.failure.hint}"
     if end.value is not None:
         for name, value in chosen.figures(end.value).items():
-            print(f"  {name:<28} {_shown(value)}")
+            yield f"  {name:<28} {_shown(value)}"
         for name, value in (report["simulated_truth"] or {}).items():
-            print(f"  simulated truth: {name:<11} {_shown(value)}")
-        print(f"  file  {report['file']}")
-        print(f"  next: in cell.yaml, {_yaml_setting(chosen.setting, report['file'])}")
+            yield f"  simulated truth: {name:<11} {_shown(value)}"
+        yield f"  file  {report['file']}"
+        yield f"  next: in cell.yaml, {_yaml_setting(chosen.setting, report['file'])}"
         if report["warning"]:
-            print(f"  warning: {report['warning']}")
-    print(f"  robot time {end.robot_time_s:.1f} s, wall time {end.wall_time_s:.1f} s")
-    print(f"  run   {end.run_dir}")
+            yield f"  warning: {report['warning']}"
+    yield f"  robot time {end.robot_time_s:.1f} s, wall time {end.wall_time_s:.1f} s"
+    yield f"  run   {end.run_dir}"
 
 
 def _yaml_setting(setting: str, path: str) -> str:

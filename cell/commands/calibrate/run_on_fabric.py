@@ -10,8 +10,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from foldcell.cell.commands.options import Commands, add_command, cell_option, json_option, logs_option
-from foldcell.cell.commands.output import print_json, progress_stream
+from foldcell.cell.commands.options import Commands, add_command, cell_option, logs_option
+from foldcell.cell.commands.output import answer, teller
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.config.garments.garment_file import garment_path, load_garment, shipped_garment_path
 from foldcell.cell.config.garments.material_file import with_material
@@ -63,7 +63,6 @@ def add_action(
     action = add_command(actions, name, about, run)
     cell_option(action)
     logs_option(action)
-    json_option(action)
     return action
 
 
@@ -97,11 +96,7 @@ def add_output(action: argparse.ArgumentParser) -> None:
 
 def _run(options: argparse.Namespace, name: str, measure: Measure, any_surface: bool) -> int:
     surface = load_settings(options.cell).surface
-    stream = progress_stream(options.json)
-
-    def tell(line: str) -> None:
-        print(line, file=stream, flush=True)
-
+    tell = teller(options.json)
     source = garment_path(options.garment)
     garment = load_garment(source, _known_surface(source, surface) if any_surface else surface)
     check_output(options.output, options.replace)
@@ -121,14 +116,12 @@ def _run(options: argparse.Namespace, name: str, measure: Measure, any_surface: 
         "calibration": name, "garment": garment.name, "surface": surface, **result.figures,
         "agrees": result.agrees, "file": str(file.absolute()), "recording": str(recording), "simulated": True,
     }  # fmt: skip
-    if options.json:
-        print_json(report)
-        return 0
-    for key, value in report.items():
-        print(f"  {key:<28} {f'{value:.5g}' if isinstance(value, float) else value}")
+    lines = [f"  {key:<28} {f'{v:.5g}' if isinstance(v, float) else v}" for key, v in report.items()]
     if not result.agrees:
-        print("  the simulated test does not agree with the measured value; predictions have the same error")
-    return 0
+        lines.append(
+            "  the simulated test does not agree with the measured value; predictions have the same error"
+        )
+    return answer(options, report, lines)
 
 
 def _known_surface(source: Path, surface: str) -> str:

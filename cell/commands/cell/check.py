@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from foldcell.cell.commands.options import Commands, add_command, cell_option, json_option
-from foldcell.cell.commands.output import print_json, print_table, write_drawing
+from foldcell.cell.commands.options import Commands, add_command, cell_option
+from foldcell.cell.commands.output import answer, table, write_drawing
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.config.garments.garment_file import load_garment
 from foldcell.cell.hardware.cell_check import cell_findings
@@ -20,7 +20,6 @@ def add_options(actions: Commands) -> None:
     action.add_argument("--draw", type=Path, metavar="DIR", help="draw the cell as cell.png into this folder")
     action.add_argument("--garment", metavar="GARMENT", help="name or file of a garment to draw on the table")
     cell_option(action)
-    json_option(action)
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -36,12 +35,7 @@ def _run(options: argparse.Namespace) -> int:
         pose = None if garment is None else garment.poses.middle
         picture = draw_cell(settings, load_robot(settings), garment, pose, words)
         drawing = write_drawing(options.draw, "cell", picture)
-    if options.json:
-        print_json({"good": good, "findings": [vars(f) for f in findings], "drawing": drawing})
-        return 0 if good else 2
-    print_table(
-        ("check", "", "found", "key"), [(f.name, "good" if f.good else "BAD", f.found, f.key) for f in findings]
-    )
-    if drawing is not None:
-        print(f"drawn in {drawing}")
-    return 0 if good else 2
+    rows = [(f.name, "good" if f.good else "BAD", f.found, f.key) for f in findings]
+    drawn = [] if drawing is None else [f"drawn in {drawing}"]
+    figures = {"good": good, "findings": [vars(f) for f in findings], "drawing": drawing}
+    return answer(options, figures, [*table(("check", "", "found", "key"), rows), *drawn], 0 if good else 2)

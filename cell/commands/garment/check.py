@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from foldcell.cell.commands.garment.garment_drawing import draw_option, drawn
-from foldcell.cell.commands.options import Commands, add_command, cell_option, json_option, logs_option
-from foldcell.cell.commands.output import print_json, refuse_drawing, write_drawing
+from foldcell.cell.commands.options import Commands, add_command, cell_option, logs_option
+from foldcell.cell.commands.output import answer, refuse_drawing, write_drawing
 from foldcell.cell.config.cell_settings import CellSettings, load_settings
 from foldcell.cell.config.garments.garment_file import load_garment
 from foldcell.cell.hardware.cell_check import refuse_unfit_cell
@@ -41,7 +41,6 @@ def add_options(actions: Commands) -> None:
     )
     logs_option(action)
     cell_option(action)
-    json_option(action)
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -61,11 +60,8 @@ def _run(options: argparse.Namespace) -> int:
         except ConfigurationError as e:
             checked.append({"file": name, "good": False, "error": e.what, "hint": e.hint})
             _say(options, str(e) if str(e).startswith(name) else f"{name}: {e}")
-    if options.json:
-        print_json({"checked": checked})
-    if any("error" in found for found in checked):
-        return 64
-    return 0 if all(found["good"] for found in checked) else 2
+    code = 0 if all(found["good"] for found in checked) else 2
+    return answer(options, {"checked": checked}, (), 64 if any("error" in found for found in checked) else code)
 
 
 def _checked(name: str, options: argparse.Namespace, settings: CellSettings) -> dict[str, Any]:

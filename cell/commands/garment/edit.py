@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from foldcell.cell.commands.output import progress_stream
+from foldcell.cell.commands.output import teller
 from foldcell.cell.commands.skill.perceive import Look
 from foldcell.cell.config.garments.key_points_file import key_points_text, read_key_points
 from foldcell.cell.hardware.photograph import Photograph
@@ -46,16 +46,14 @@ def edited(
         ("measured", _measured(measure, like)),
         ("start", origin),
     )
-    said = progress_stream(options.json)
 
     def announce(address: str) -> None:
         port = address.split(":")[2].split("/")[0]
-        print(
+        teller(options.json)(
             f"page     {address}\n"
             f"         from another machine, open it after: ssh -L {port}:127.0.0.1:{port} THIS_MACHINE\n"
-            "This command waits until you press Save or Cancel on the page. Ctrl-C ends it without writing.",
-            file=said, flush=True,
-        )  # fmt: skip
+            "This command waits until you press Save or Cancel on the page. Ctrl-C ends it without writing."
+        )
 
     def keep(points: Mapping[str, Array]) -> str:
         write_key_points(kept, points, options.image)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 
 from foldcell.cell.commands.garment.garment_drawing import figures, size
-from foldcell.cell.commands.options import Commands, add_command, cell_option, json_option
-from foldcell.cell.commands.output import print_json, print_table
+from foldcell.cell.commands.options import Commands, add_command, cell_option
+from foldcell.cell.commands.output import answer, table
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.config.garments.garment_file import list_garments, load_garment
 
@@ -16,15 +16,11 @@ __all__ = ["add_options"]
 def add_options(actions: Commands) -> None:
     action = add_command(actions, "list", "list the shipped garments with their sizes and folds", _run)
     cell_option(action)
-    json_option(action)
 
 
 def _run(options: argparse.Namespace) -> int:
     surface = load_settings(options.cell).surface
     garments = [load_garment(name, surface) for name in list_garments()]
-    if options.json:
-        print_json({"garments": [figures(g) for g in garments]})
-        return 0
     rows = [(g.name, g.title, g.category, size(g), g.layers, len(g.plan)) for g in garments]
-    print_table(("name", "title", "category", "x by y [m]", "layers", "folds"), rows)
-    return 0
+    lines = table(("name", "title", "category", "x by y [m]", "layers", "folds"), rows)
+    return answer(options, {"garments": [figures(g) for g in garments]}, lines)

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from foldcell.calibration.shear import clip_and_lowest
-from foldcell.cell.commands.options import Commands, add_command, cell_option, json_option, page_options
-from foldcell.cell.commands.output import print_json
+from foldcell.cell.commands.options import Commands, add_command, cell_option, page_options
+from foldcell.cell.commands.output import answer
 from foldcell.cell.commands.skill.perceive import look_at, write_overlay, write_picture, write_refused
 from foldcell.cell.config.cell_settings import CellSettings, load_settings
 from foldcell.cell.config.garments.garment_file import load_garment
@@ -63,7 +63,6 @@ def add_options(actions: Commands) -> None:
         "--unit", choices=["m", "px"], default="px", help="m: photographed by the cell's own camera (px)"
     )
     cell_option(new)
-    json_option(new)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -93,15 +92,15 @@ def run(options: argparse.Namespace) -> int:
     if (failure := look.outcome.failure) is not None:
         write_refused(overlay, look)
         hint = failure.hint if look.region is None else HINT  # key points do not mend a picture
-        if options.json:
-            print_json({
-                "image": str(options.image), "recognised": False, "reason": failure.what, "hint": hint,
-                "overlay": str(overlay),
-            })  # fmt: skip
-        else:
-            print(f"not recognised as {options.like}: {failure.what}\n  {hint}")
-            print(f"overlay  {overlay}   ({look.shows})")
-        return 2
+        figures = {
+            "image": str(options.image), "recognised": False, "reason": failure.what, "hint": hint,
+            "overlay": str(overlay),
+        }  # fmt: skip
+        lines = [
+            f"not recognised as {options.like}: {failure.what}\n  {hint}",
+            f"overlay  {overlay}   ({look.shows})",
+        ]
+        return answer(options, figures, lines, 2)
     perception = look.outcome.unwrap()
     write_overlay(overlay, perception, look.frame)
     points = np.array([perception.state.keypoints[name] for name in like.keypoints])
@@ -143,13 +142,8 @@ def _from_page(
         return str(output)
 
     if not edited(options, _title(options), like, photograph, measure, look, kept, save):
-        if options.json:
-            print_json(
-                {"image": str(options.image), "recognised": look.outcome.ok, "reason": "cancelled", "hint": ""}
-            )
-        else:
-            print("cancelled: no garment was written")
-        return 2
+        figures = {"image": str(options.image), "recognised": look.outcome.ok, "reason": "cancelled", "hint": ""}
+        return answer(options, figures, ["cancelled: no garment was written"], 2)
     overlay, template = made[-1]
     found = {"recognised": look.outcome.ok, "key_points_file": str(kept)}
     return _say(options, like, template, output, overlay, found)
@@ -200,22 +194,21 @@ def _say(
 ) -> int:
     """Print the figures and files of the new garment. found: further entries of the JSON object. Returns 0."""
     size = np.ptp(template, axis=0)
-    if options.json:
-        print_json({
-            "image": str(options.image), **found, "file": str(output), "overlay": str(overlay), "size_m": size,
-            "keypoints_m": dict(zip(like.keypoints, template.tolist(), strict=True)),
-        })  # fmt: skip
-        return 0
-    print(f"{_title(options)}: {size[0]:.3f} x {size[1]:.3f} m, {len(like.plan)} folds as {options.like}")
-    print(f"file     {output}")
-    print(f"overlay  {overlay}   (check the positions of the key points)")
-    if "key_points_file" in found:
-        print(f"points   {found['key_points_file']}   (--key-points reads it)")
-    for doubt in found.get("doubts", []):
-        print(f"doubt    {doubt}")
-    print(f"next     foldcell garment check {output} --draw .   (will its folds go?)")
-    print("         then measure its fabric: foldcell calibrate")
-    return 0
+    figures = {
+        "image": str(options.image), **found, "file": str(output), "overlay": str(overlay), "size_m": size,
+        "keypoints_m": dict(zip(like.keypoints, template.tolist(), strict=True)),
+    }  # fmt: skip
+    kept = [f"points   {found['key_points_file']}   (--key-points reads it)"] if "key_points_file" in found else []
+    lines = [
+        f"{_title(options)}: {size[0]:.3f} x {size[1]:.3f} m, {len(like.plan)} folds as {options.like}",
+        f"file     {output}",
+        f"overlay  {overlay}   (check the positions of the key points)",
+        *kept,
+        *(f"doubt    {doubt}" for doubt in found.get("doubts", [])),
+        f"next     foldcell garment check {output} --draw .   (will its folds go?)",
+        "         then measure its fabric: foldcell calibrate",
+    ]
+    return answer(options, figures, lines)
 
 
 def _output(options: argparse.Namespace) -> Path:

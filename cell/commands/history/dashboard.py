@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 import threading
 
-from foldcell.cell.commands.options import json_option, logs_option, port
-from foldcell.cell.commands.output import print_json
+from foldcell.cell.commands.options import logs_option, port
+from foldcell.cell.commands.output import answer
 from foldcell.cell.support.files.paths import logs_directory
 from foldcell.robots.errors import StorageError
 
@@ -14,10 +14,8 @@ __all__ = ["add_options", "run"]
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.set_defaults(run=run)
     logs_option(parser)
     parser.add_argument("--port", type=port, default=0, metavar="N", help="port of the page (a free one)")
-    json_option(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -32,9 +30,7 @@ def run(options: argparse.Namespace) -> int:
             f"there is no logs folder {logs}", "foldcell fold makes one; or name another: --logs DIR"
         )
     with served_history(logs, open_listener(options.port)) as address:
-        if options.json:
-            print_json({"logs": str(logs), "address": address})
-        else:
-            print(f"history of {logs}\npage     {address}\nCtrl-C ends it", flush=True)
+        lines = [f"history of {logs}", f"page     {address}", "Ctrl-C ends it"]
+        answer(options, {"logs": str(logs), "address": address}, lines)
         threading.Event().wait()
     return 0

@@ -7,11 +7,11 @@ import argparse
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from foldcell.cell.commands.options import json_option, logs_option, run_name
-from foldcell.cell.commands.output import print_json, progress_stream
+from foldcell.cell.commands.options import logs_option, run_name
+from foldcell.cell.commands.output import answer, progress_stream
 from foldcell.cell.journal.journal import Entry, Journal, JournalRun
 from foldcell.cell.support.files.paths import journal_path, logs_directory
 from foldcell.cell.view.viewing.viewer import find_viewer, silent_environment
@@ -24,7 +24,6 @@ __all__ = ["add_options", "run"]
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.set_defaults(run=run)
     run_name(parser)
     parser.add_argument(
         "--decide", action="store_true",
@@ -32,7 +31,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("--no-viewer", action="store_true", help="only print where the recording is")
     logs_option(parser)
-    json_option(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -41,7 +39,7 @@ def run(options: argparse.Namespace) -> int:
         record = journal.run(options.name)
         entries = journal.entries(record.id) if options.decide else []
     if options.decide:
-        return _decide(record, entries, options.json)
+        return _decide(record, entries, options)
     recording = record.directory / "run.rrd"
     if not recording.is_file():
         raise StorageError(
@@ -50,55 +48,49 @@ def run(options: argparse.Namespace) -> int:
         )
     viewer = find_viewer()
     screen = bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")) or sys.platform == "darwin"
-    opened = viewer is not None and screen and not options.no_viewer and not options.json
-    if options.json:
-        print_json({"run": record.id, "recording": str(recording), "viewer": str(viewer) if viewer else None})
-        return 0
-    print(f"recording  {recording}")
-    if opened:
+    why = "" if screen else " (this terminal has no display: copy the file to a machine that has one)"
+    lines = [
+        f"open it with   {viewer or 'rerun'} {recording}{why}",
+        f"or a browser   {viewer or 'rerun'} --web-viewer {recording}",
+    ]
+    if viewer is not None and screen and not options.no_viewer and not options.json:
         subprocess.Popen([str(viewer), str(recording)], start_new_session=True, env=silent_environment())
-        print("opened in the Rerun viewer")
-    else:
-        why = "" if screen else " (this terminal has no display: copy the file to a machine that has one)"
-        print(f"open it with   {viewer or 'rerun'} {recording}{why}")
-        print(f"or a browser   {viewer or 'rerun'} --web-viewer {recording}")
-    return 0
+        lines = ["opened in the Rerun viewer"]
+    figures = {"run": record.id, "recording": str(recording), "viewer": str(viewer) if viewer else None}
+    return answer(options, figures, [f"recording  {recording}", *lines])
 
 
-def _decide(run: JournalRun, entries: Sequence[Entry], as_json: bool) -> int:
+def _decide(run: JournalRun, entries: Sequence[Entry], options: argparse.Namespace) -> int:
     """Check whether the present program repeats the decisions of a recorded run."""
     from foldcell.cell.operator.progress.compiling import report_compilation
     from foldcell.cell.operator.progress.lines import ProgressLines
     from foldcell.cell.runs.decide_again import changed_versions, decide_again
 
     changed = changed_versions(run.versions)
-    lines = ProgressLines(progress_stream(as_json))
+    lines = ProgressLines(progress_stream(options.json))
     lines.note(f"deciding {run.id} again from its recorded readings")
     for name, (then, now) in changed.items():
         lines.note(f"the version of {name} was {then} and is {now} now")
     with report_compilation(lines.note):
         verdict = decide_again(run, entries, (lines,), lines.note, lines.computing)
-    if as_json:
-        then_and_now = {name: {"then": then, "now": now} for name, (then, now) in changed.items()}
-        print_json({"run": run.id, "same": verdict.same, **vars(verdict), "changed_versions": then_and_now})
-    else:
-        _print_verdict(verdict)
-    return 0 if verdict.same else 2
+    then_and_now = {name: {"then": then, "now": now} for name, (then, now) in changed.items()}
+    figures = {"run": run.id, "same": verdict.same, **vars(verdict), "changed_versions": then_and_now}
+    return answer(options, figures, _lines_of(verdict), 0 if verdict.same else 2)
 
 
-def _print_verdict(verdict: Verdict) -> None:
+def _lines_of(verdict: Verdict) -> Iterator[str]:
     compared = (
         f"{verdict.effects} effects, {verdict.set_points} set-points, {verdict.pictures} pictures,"
         f" {verdict.exchanges} exchanges with the cell"
     )
     deviation = verdict.deviation
     if deviation is None:
-        print(f"\nthe same decisions: {compared}, in {verdict.wall_time_s:.0f} s")
+        yield f"\nthe same decisions: {compared}, in {verdict.wall_time_s:.0f} s"
         if verdict.broken_off:
-            print(f"  up to {verdict.cell_time_s:.2f} s: {verdict.broken_off}")
+            yield f"  up to {verdict.cell_time_s:.2f} s: {verdict.broken_off}"
         return
     effect = f", effect {deviation.effect}" if deviation.effect else ""
-    print(f"\nANOTHER DECISION at {deviation.cell_time_s:.2f} s, state {deviation.state}{effect}")
-    print(f"  then   {deviation.then}")
-    print(f"  now    {deviation.now}")
-    print(f"  in {deviation.place}; equal before it: {compared}")
+    yield f"\nANOTHER DECISION at {deviation.cell_time_s:.2f} s, state {deviation.state}{effect}"
+    yield f"  then   {deviation.then}"
+    yield f"  now    {deviation.now}"
+    yield f"  in {deviation.place}; equal before it: {compared}"

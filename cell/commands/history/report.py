@@ -6,8 +6,8 @@ import argparse
 from typing import Any
 
 from foldcell.cell.commands.history.runs import ListedRun
-from foldcell.cell.commands.options import json_option, logs_option, run_name
-from foldcell.cell.commands.output import print_json
+from foldcell.cell.commands.options import logs_option, run_name
+from foldcell.cell.commands.output import answer
 from foldcell.cell.journal.journal import NOT_BEGUN, Intent, Journal, JournalRun, performed
 from foldcell.cell.runs.resumable import resumable
 from foldcell.cell.support.files.paths import command_for, journal_path, logs_directory
@@ -16,10 +16,8 @@ __all__ = ["add_options", "run"]
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.set_defaults(run=run)
     run_name(parser)
     logs_option(parser)
-    json_option(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -30,28 +28,24 @@ def run(options: argparse.Namespace) -> int:
         effects = performed(journal.entries(run.id))
         may_resume = resumable(journal, run.id)
     page = run.directory / "report.html"
-    if options.json:
-        print_json(
-            {
-                **listed.as_json(),
-                "resumable": may_resume,
-                "summary": run.summary,
-                "effects": [_figures(effect) for effect in effects],
-                "report": page if page.is_file() else None,
-            }
-        )
-        return 0
-    print(f"{run.id}: {run.status}")
-    for effect in effects:
-        print(f"  {effect.begun_s:8.1f} s  {effect.name:<20} {_ending(effect)}")
+    figures = {
+        **listed.as_json(),
+        "resumable": may_resume,
+        "summary": run.summary,
+        "effects": [_figures(effect) for effect in effects],
+        "report": page if page.is_file() else None,
+    }
+    lines = [f"{run.id}: {run.status}"]
+    lines += [f"  {effect.begun_s:8.1f} s  {effect.name:<20} {_ending(effect)}" for effect in effects]
     if run.status == "interrupted":
-        print("  the process ended here without ending the run (killed, machine down, or the journal's disk full)")
+        lines.append(
+            "  the process ended here without ending the run (killed, machine down, or the journal's disk full)"
+        )
     if reason := listed.ending.reason:
-        print(f"  the run did not begin: {reason.what}" + (f"\n  {reason.hint}" if reason.hint else ""))
+        lines.append(f"  the run did not begin: {reason.what}" + (f"\n  {reason.hint}" if reason.hint else ""))
     if may_resume:
-        print(f"resume  {command_for(f'resume {run.id}', run.directory.parent)}")
-    print(f"report  {page if page.is_file() else _no_page(run)}")
-    return 0
+        lines.append(f"resume  {command_for(f'resume {run.id}', run.directory.parent)}")
+    return answer(options, figures, [*lines, f"report  {page if page.is_file() else _no_page(run)}"])
 
 
 def _no_page(run: JournalRun) -> str:

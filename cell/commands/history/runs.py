@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from foldcell.cell.commands.options import count, json_option, logs_option
-from foldcell.cell.commands.output import print_json, print_table
+from foldcell.cell.commands.options import count, logs_option
+from foldcell.cell.commands.output import answer, table
 from foldcell.cell.journal.checkpoint_file import has_checkpoint
 from foldcell.cell.journal.journal import Intent, Journal, JournalRun
 from foldcell.cell.record.run_record import Ending, ending_of
@@ -83,10 +83,8 @@ class ListedRun:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.set_defaults(run=run)
     parser.add_argument("--last", type=count, metavar="N", help="list the last N only")
     logs_option(parser)
-    json_option(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -94,20 +92,15 @@ def run(options: argparse.Namespace) -> int:
     runs = _read(journal_path(logs), options.last)
     folders = [path.parent for path in sorted(logs.glob(f"*/{MANIFEST}"))]
     campaigns = [_campaign_figures(path) for path in (folders[-options.last :] if options.last else folders)]
-    if options.json:
-        print_json({"logs": logs, "runs": [each.as_json() for each in runs], "campaigns": campaigns})
-        return 0
-    if campaigns:
-        _print_campaigns(campaigns)
-    elif not runs:
-        print(f"no runs yet in {logs}")
+    figures = {"logs": logs, "runs": [each.as_json() for each in runs], "campaigns": campaigns}
+    lines = _lines_of_campaigns(campaigns) if campaigns else [] if runs else [f"no runs yet in {logs}"]
     if runs:
         names = ("run", "garment", "seed", "driver", "started", "robot s", "wall s", "how it ended")
-        print_table(names, [each.row for each in runs])
+        lines += table(names, [each.row for each in runs])
         last = runs[-1].run
         if last.status == "interrupted" and has_checkpoint(last.directory):
-            print(f"resume the last one: {command_for(f'resume {last.id}', logs)}")
-    return 0
+            lines.append(f"resume the last one: {command_for(f'resume {last.id}', logs)}")
+    return answer(options, figures, lines)
 
 
 def _campaign_figures(path: Path) -> dict[str, Any]:
@@ -132,19 +125,16 @@ def _campaign_figures(path: Path) -> dict[str, Any]:
     }
 
 
-def _print_campaigns(campaigns: list[dict[str, Any]]) -> None:
-    print_table(
-        ("campaign", "begun", "finished", "folded", "about"),
-        [
-            (c["campaign"], c["begun"], f"{c['finished']} of {c['runs']}", c["folded"], c["about"] or "-")
-            for c in campaigns
-        ],
-    )
-    unfinished = [c for c in campaigns if c["finished"] < c["runs"]]
+def _lines_of_campaigns(campaigns: list[dict[str, Any]]) -> list[str]:
+    rows = [
+        (c["campaign"], c["begun"], f"{c['finished']} of {c['runs']}", c["folded"], c["about"] or "-")
+        for c in campaigns
+    ]
+    lines = [*table(("campaign", "begun", "finished", "folded", "about"), rows)]
+    unfinished = [shlex.quote(c["directory"]) for c in campaigns if c["finished"] < c["runs"]]
     if unfinished:
-        last = shlex.quote(unfinished[-1]["directory"])
-        print(f"continue the last unfinished one: foldcell trials --resume {last}")
-    print()
+        lines.append(f"continue the last unfinished one: foldcell trials --resume {unfinished[-1]}")
+    return [*lines, ""]
 
 
 def _read(journal_file: Path, last: int | None) -> list[ListedRun]:

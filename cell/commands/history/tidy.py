@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from foldcell.cell.commands.options import count, json_option, logs_option
-from foldcell.cell.commands.output import print_json, print_table
+from foldcell.cell.commands.options import count, logs_option
+from foldcell.cell.commands.output import answer, table
 from foldcell.cell.runs.pruning import prunable_runs, prune
 from foldcell.cell.support.files.paths import logs_to_read
 
@@ -15,14 +15,12 @@ MEBI = 2.0**20
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.set_defaults(run=run)
     parser.add_argument("--keep", type=count, default=50, metavar="N", help="keep the newest N runs complete (50)")
     parser.add_argument("--unfinished", action="store_true", help="include runs that could still be resumed")
     parser.add_argument(
         "--yes", action="store_true", help="remove the recordings; without this they are only listed"
     )
     logs_option(parser)
-    json_option(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -33,22 +31,17 @@ def run(options: argparse.Namespace) -> int:
         for each in heavy:
             prune(each)
     total = sum(each.bytes for each in heavy)
-    if options.json:
-        print_json(
-            {
-                "logs": str(logs),
-                "removed": bool(options.yes),
-                "bytes": total,
-                "runs": [{"run": each.run.id, "bytes": each.bytes} for each in heavy],
-            }
-        )
-        return 0
+    figures = {
+        "logs": str(logs),
+        "removed": bool(options.yes),
+        "bytes": total,
+        "runs": [{"run": each.run.id, "bytes": each.bytes} for each in heavy],
+    }
     if not heavy:
-        print(f"nothing to remove in {logs} beyond the newest {options.keep} runs")
-        return 0
-    print_table(("run", "how it ended", "MiB"), [(e.run.id, e.run.status, f"{e.bytes / MEBI:.0f}") for e in heavy])
+        return answer(options, figures, [f"nothing to remove in {logs} beyond the newest {options.keep} runs"])
+    rows = [(e.run.id, e.run.status, f"{e.bytes / MEBI:.0f}") for e in heavy]
+    result = "can be freed (recordings, pictures, transcripts); --yes removes them"
     if options.yes:
-        print(f"{total / MEBI:.0f} MiB freed; reports, results, settings and the journal stay")
-    else:
-        print(f"{total / MEBI:.0f} MiB can be freed (recordings, pictures, transcripts); --yes removes them")
-    return 0
+        result = "freed; reports, results, settings and the journal stay"
+    lines = [*table(("run", "how it ended", "MiB"), rows), f"{total / MEBI:.0f} MiB {result}"]
+    return answer(options, figures, lines)

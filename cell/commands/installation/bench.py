@@ -7,13 +7,12 @@ import argparse
 import importlib
 import os
 import platform
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from foldcell.cell.commands.options import json_option
-from foldcell.cell.commands.output import print_json, print_table, progress_stream
+from foldcell.cell.commands.output import answer, table, teller
 from foldcell.cell.config.garments.garment_file import load_garment
 from foldcell.robots.errors import ConfigurationError
 
@@ -24,7 +23,6 @@ BENCHES = ("cell", "cloth", "motion", "optimise", "perception")
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.set_defaults(run=run)
     parser.add_argument("name", choices=BENCHES, metavar="NAME", help="%(choices)s")
     parser.add_argument(
         "--peers", action="store_true", help="also measure peers that take long or need extra packages"
@@ -35,7 +33,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--keep", type=Path, metavar="FILE", help="write each part's figures to FILE and continue from it (cloth)"
     )
     parser.add_argument("--garment", metavar="A,B", help="these garments only, by name or file (optimise)")
-    json_option(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -52,29 +49,24 @@ def run(options: argparse.Namespace) -> int:
         raise ConfigurationError(
             "the benchmarks are not installed", hint="run this command in a clone of the repository"
         ) from e
-    out = progress_stream(options.json)
     more = _garments(options) | _parts(bench, options)
     figures: Mapping[str, Any] = bench.measure(
-        lambda line: print(line, file=out, flush=True), peers=options.peers, quick=options.quick, **more
+        teller(options.json), peers=options.peers, quick=options.quick, **more
     )
-    if options.json:
-        print_json({**figures, "quick": options.quick, "machine": _machine()})
-    else:
-        flat = [(key, _shown(value)) for key, value in figures.items() if not isinstance(value, list | dict)]
-        if flat:
-            print_table(("figure", "value"), flat)
-        for key, value in figures.items():
-            _print_rows(key, value)
-    return 0
+    return answer(options, {**figures, "quick": options.quick, "machine": _machine()}, _lines(figures))
 
 
-def _print_rows(name: str, rows: Any) -> None:
-    """Print a figure as a table if it is a list of rows. Nested values appear only in the JSON output."""
-    if not (isinstance(rows, list) and rows and all(isinstance(row, dict) for row in rows)):
-        return
-    columns = [key for key, value in rows[0].items() if not isinstance(value, list | dict)]
-    print(f"\n{name}")
-    print_table(columns, [[_shown(row.get(key)) for key in columns] for row in rows])
+def _lines(figures: Mapping[str, Any]) -> Iterator[str]:
+    """Yield tables of the figures: one of the single figures, one of each list of rows. Other nested values appear
+    only in the JSON output."""
+    flat = [(key, _shown(value)) for key, value in figures.items() if not isinstance(value, list | dict)]
+    if flat:
+        yield from table(("figure", "value"), flat)
+    for name, rows in figures.items():
+        if isinstance(rows, list) and rows and all(isinstance(row, dict) for row in rows):
+            columns = [key for key, value in rows[0].items() if not isinstance(value, list | dict)]
+            yield f"\n{name}"
+            yield from table(columns, [[_shown(row.get(key)) for key in columns] for row in rows])
 
 
 def _garments(options: argparse.Namespace) -> dict[str, Any]:

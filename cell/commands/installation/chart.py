@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from foldcell.cell.commands.options import json_option
-from foldcell.cell.commands.output import print_json
+from foldcell.cell.commands.output import answer
 from foldcell.cell.executive.draw_state_chart import draw_chart
 from foldcell.cell.states.state_chart import CHART
 from foldcell.cell.support.files.own_file import refuse_foreign
@@ -18,11 +17,9 @@ __all__ = ["add_options", "run"]
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.set_defaults(run=run)
     parser.add_argument(
         "--output", type=Path, metavar="SVG", help="file to write (the chart of the report and the page)"
     )
-    json_option(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -35,5 +32,4 @@ def run(options: argparse.Namespace) -> int:
     path = options.output or CHART
     refuse_foreign(path, b'<svg class="states"')
     write_whole(path, draw_chart())
-    print_json({"chart": str(path)}) if options.json else print(path)
-    return 0
+    return answer(options, {"chart": str(path)}, [str(path)])

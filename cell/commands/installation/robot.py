@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from foldcell.cell.commands.options import Commands, add_command, cell_option, folder, json_option
-from foldcell.cell.commands.output import print_json, print_table, progress_stream
+from foldcell.cell.commands.options import Commands, add_command, cell_option, folder
+from foldcell.cell.commands.output import answer, table, teller
 from foldcell.cell.config.cell_settings import CellSettings, load_settings
 from foldcell.cell.hardware.cell_check import robot_findings
 from foldcell.cell.hardware.contract.clauses import CLAUSES, ClauseResult, check_driver
@@ -29,8 +29,7 @@ SUITE = "foldcell robot"
 
 
 def add_options(actions: Commands) -> None:
-    listed = add_command(actions, "list", "list the robots that `robot:` in cell.yaml can name", _list)
-    json_option(listed)
+    add_command(actions, "list", "list the robots that `robot:` in cell.yaml can name", _list)
     check = add_command(actions, "check", "check whether a robot's model, and its driver, fit the cell", _check)
     check.add_argument("robot", metavar="NAME", help="a robot of `foldcell robot list`")
     check.add_argument(
@@ -40,21 +39,16 @@ def add_options(actions: Commands) -> None:
     )  # fmt: skip
     check.add_argument("--junit", type=Path, metavar="FILE", help="write the results of the driver as JUnit XML")
     cell_option(check)
-    json_option(check)
     new = add_command(actions, "new", "write the skeleton of a package that brings a robot", _new)
     new.add_argument("name", metavar="NAME", help="name of the robot, its package and its folder")
     new.add_argument("--into", type=folder, default=Path(), metavar="DIR", help="where the folder is made (here)")
-    json_option(new)
 
 
 def _list(options: argparse.Namespace) -> int:
     rows = [_row(name) for name in list_robots()]
-    if options.json:
-        keys = ("name", "title", "arm_joints", "drivers")
-        print_json({"robots": [dict(zip(keys, row, strict=True)) for row in rows]})
-        return 0
-    print_table(("name", "title", "joints of an arm", "drivers"), rows)
-    return 0
+    keys = ("name", "title", "arm_joints", "drivers")
+    figures = {"robots": [dict(zip(keys, row, strict=True)) for row in rows]}
+    return answer(options, figures, table(("name", "title", "joints of an arm", "drivers"), rows))
 
 
 def _row(name: str) -> tuple[str, str, int | None, str]:
@@ -75,25 +69,24 @@ def _check(options: argparse.Namespace) -> int:
         refuse_foreign(options.junit, f'<testsuite name="{SUITE}"'.encode())
     robot, settings = find_robot(options.robot), load_settings(options.cell)
     findings = list(robot_findings(robot, robot.load_model(), robot.camera, settings.table))
+    rows = [(f.name, "good" if f.good else "BAD", f.found) for f in findings]
     if not options.json:
-        print_table(("check", "", "found"), [(f.name, "good" if f.good else "BAD", f.found) for f in findings])
+        print(*table(("check", "", "found"), rows), sep="\n")
     results, interrupted = list[ClauseResult](), 0
     if options.driver is not None:
         results, interrupted = _driver_results(options, settings.model_copy(update={"robot": options.robot}))
     good = all(finding.good for finding in findings) and all(r.state != "failed" for r in results)
-    if options.json:
-        report = {"robot": options.robot, "good": good, "findings": [vars(finding) for finding in findings]}
-        driver = {"driver": options.driver, "clauses": [r.as_json() for r in results]} if results else {}
-        print_json(report | driver)
-    return interrupted or (0 if good else 2)
+    report = {"robot": options.robot, "good": good, "findings": [vars(finding) for finding in findings]}
+    driver = {"driver": options.driver, "clauses": [r.as_json() for r in results]} if results else {}
+    return answer(options, report | driver, (), interrupted or (0 if good else 2))
 
 
 def _driver_results(options: argparse.Namespace, settings: CellSettings) -> tuple[list[ClauseResult], int]:
     """Check the driver and show each result when it is there. Returns the results, and the exit code of a signal
     or 0."""
     results: list[ClauseResult] = []
-    out = progress_stream(options.json)
-    print(f"\n{len(CLAUSES)} clauses of the contract; both arms move a little: stay out of their reach", file=out)
+    tell = teller(options.json)
+    tell(f"\n{len(CLAUSES)} clauses of the contract; both arms move a little: stay out of their reach")
     with taking_signals() as interrupts:
 
         @contextmanager
@@ -104,7 +97,7 @@ def _driver_results(options: argparse.Namespace, settings: CellSettings) -> tupl
 
         for result in check_driver(opened):
             results.append(result)
-            print(result, file=out, flush=True)
+            tell(str(result))
     if options.junit is not None:
         write_whole(options.junit, junit_text(SUITE, [result.as_case() for result in results]))
     return results, BY_SIGNAL + interrupts.received[0] if interrupts.received else 0
@@ -123,10 +116,9 @@ def _new(options: argparse.Namespace) -> int:
         except OSError as error:
             raise StorageError(f"cannot make {path.parent}: {error.strerror}", "choose another --into") from error
         write_whole(path, text.encode())
-    if options.json:
-        print_json({"robot": options.name, "folder": str(target), "files": sorted(files)})
-        return 0
-    print(f"wrote {target}: {', '.join(sorted(files))}")
-    print(f"install it: pip install --no-deps -e {target}")
-    print(f"then: foldcell robot check {options.name}; foldcell fold small_towel --cell {target / 'cell.yaml'}")
-    return 0
+    lines = [
+        f"wrote {target}: {', '.join(sorted(files))}",
+        f"install it: pip install --no-deps -e {target}",
+        f"then: foldcell robot check {options.name}; foldcell fold small_towel --cell {target / 'cell.yaml'}",
+    ]
+    return answer(options, {"robot": options.name, "folder": str(target), "files": sorted(files)}, lines)

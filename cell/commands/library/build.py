@@ -10,8 +10,8 @@ from pathlib import Path
 
 from foldcell.cell.campaigns.executors import chosen_workers
 from foldcell.cell.commands.library.show import figures
-from foldcell.cell.commands.options import Commands, add_command, cell_option, count, json_option, logs_option
-from foldcell.cell.commands.output import print_json, progress_stream
+from foldcell.cell.commands.options import Commands, add_command, cell_option, count, logs_option
+from foldcell.cell.commands.output import answer, progress_stream
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.config.garments.garment_file import list_garments, load_garment
 from foldcell.cell.config.trajectory_library.ideal_heights_file import (
@@ -48,7 +48,6 @@ def add_options(actions: Commands) -> None:
     build.add_argument("--cluster", metavar="ADDRESS", help="simulate on the workers of this Dask scheduler")
     cell_option(build)
     logs_option(build)
-    json_option(build)
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -61,9 +60,8 @@ def _run(options: argparse.Namespace) -> int:
     path = options.output or user_library_path(prepare_logs(logs_directory(options.logs)))
     if options.output is not None:
         refuse_foreign(path, b'"entries"')
-    out = progress_stream(options.json)
     unfinished = UnfinishedBuild(path, garments, settings.grasp.lift_height)
-    bar = ProgressBar(out)
+    bar = ProgressBar(progress_stream(options.json))
     if unfinished.library.entries:
         finished = len(unfinished.library.entries)
         bar.line(f"continues from the {finished} folds in {unfinished.path}; delete it to start again")
@@ -93,14 +91,13 @@ def _run(options: argparse.Namespace) -> int:
         put_garments(path, library, [g.name for g in garments])
         _store_heights(path, garments, workers.executor, bar)
     unfinished.end()
-    print(f"{len(library.entries)} folds  {path}", file=out)
-    if options.json:
-        print_json({
-            "library": str(path),
-            "entries": [figures(e) for e in library.entries],
-            "failed": [{"garment": b.garment, "step": b.step, "failure": b.failure} for b in failures],
-        })  # fmt: skip
-    return 2 if failures else 0
+    bar.line(f"{len(library.entries)} folds  {path}")
+    built = {
+        "library": str(path),
+        "entries": [figures(e) for e in library.entries],
+        "failed": [{"garment": b.garment, "step": b.step, "failure": b.failure} for b in failures],
+    }
+    return answer(options, built, (), 2 if failures else 0)
 
 
 def _store_heights(library: Path, garments: Sequence[Garment], executor: Executor, bar: ProgressBar) -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from foldcell.cell.commands.options import Commands, add_command, cell_option, json_option, logs_option
-from foldcell.cell.commands.output import print_json, print_table
+from foldcell.cell.commands.options import Commands, add_command, cell_option, logs_option
+from foldcell.cell.commands.output import answer, table
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.config.trajectory_library.library_file import load_library
 from foldcell.cell.support.files.paths import logs_directory
@@ -19,7 +19,6 @@ def add_options(actions: Commands) -> None:
     action = add_command(actions, "show", "list the entries of the library", _run)
     cell_option(action)
     logs_option(action)
-    json_option(action)
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -27,23 +26,17 @@ def _run(options: argparse.Namespace) -> int:
     loaded = load_library(logs_directory(options.logs))
     entries = loaded.library.entries
     refused = [f"{path}, entry {r.index}: {r.reason}" for path, r in loaded.refused]
-    if options.json:
-        print_json({"entries": [figures(e) for e in entries], "refused": refused})
-        return 0
+    lines = ["the library is empty; 'foldcell library build' fills it"]
     if entries:
-        print_table(
-            ("garment", "fold", "variant", "method", "D first [mm]", "D [mm]", "simulations", "arms"),
-            [
-                (e.garment, e.step, e.variant, e.method, 1e3 * e.dissimilarity_initial, 1e3 * e.dissimilarity,
-                 e.simulations, len(e.inner))
-                for e in entries
-            ],
-        )  # fmt: skip
-    else:
-        print("the library is empty; 'foldcell library build' fills it")
-    for line in refused:
-        print(f"not used: {line}")
-    return 0
+        head = ("garment", "fold", "variant", "method", "D first [mm]", "D [mm]", "simulations", "arms")
+        rows = [
+            (e.garment, e.step, e.variant, e.method, 1e3 * e.dissimilarity_initial, 1e3 * e.dissimilarity,
+             e.simulations, len(e.inner))
+            for e in entries
+        ]  # fmt: skip
+        lines = [*table(head, rows)]
+    lines += [f"not used: {line}" for line in refused]
+    return answer(options, {"entries": [figures(e) for e in entries], "refused": refused}, lines)
 
 
 def figures(entry: LibraryEntry) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from foldcell.cell.campaigns.page.fault_page import PAGE, write_fault_results
 from foldcell.cell.campaigns.trials.campaign import distinct_garments
 from foldcell.cell.campaigns.trials.store import CampaignFolder
 from foldcell.cell.campaigns.trials.trial import Trial
-from foldcell.cell.commands.output import print_json, print_table
+from foldcell.cell.commands.output import answer, table
 from foldcell.cell.commands.run.perform import first_seed, new_campaign, perform, resumed_campaign
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.record.words import garment_name, interval
@@ -45,25 +46,23 @@ def run_fault_trials(options: argparse.Namespace) -> int:
     """Perform the table of faults, or continue it. Returns 0 if every run ended as due, 2 if one did not or if its
     fault did not happen, 3 if a run was not performed."""
     folder = _new(options) if options.resume is None else resumed_campaign(options)
-    table = read_fault_table(folder.path / TABLE)
-    trials = perform(folder, options, partial(write_fault_results, table), partial(_line, table))
-    results = FaultResults.of(table, trials)
-    if options.json:
-        print_json({**results.as_json(), "directory": str(folder.path)})
-    else:
-        _print(results, folder.path)
+    faults = read_fault_table(folder.path / TABLE)
+    trials = perform(folder, options, partial(write_fault_results, faults), partial(_line, faults))
+    results = FaultResults.of(faults, trials)
+    code = 0 if all(verdict.good for _, verdict in results.runs) else 2
     if any(not trial.performed for trial in trials):
-        return 3
-    return 0 if all(verdict.good for _, verdict in results.runs) else 2
+        code = 3
+    figures = {**results.as_json(), "directory": str(folder.path)}
+    return answer(options, figures, _lines(results, folder.path), code)
 
 
 def _new(options: argparse.Namespace) -> CampaignFolder:
     """Return the folder of a new campaign. Everything is checked before anything is written."""
-    table, first = read_fault_table(options.faults), first_seed(options)
+    faults, first = read_fault_table(options.faults), first_seed(options)
     if options.only is not None:
-        table = chosen_faults(table, [name.strip() for name in options.only.split(",")])
+        faults = chosen_faults(faults, [name.strip() for name in options.only.split(",")])
     campaign = fault_campaign(
-        table,
+        faults,
         GARMENTS if options.garments is None else distinct_garments(options.garments.split(",")),
         range(first, first + (options.n or SEEDS)),
         load_settings(options.cell),
@@ -77,18 +76,18 @@ def _new(options: argparse.Namespace) -> CampaignFolder:
     return folder
 
 
-def _line(table: FaultTable, trial: Trial) -> str:
+def _line(faults: FaultTable, trial: Trial) -> str:
     """Return the line of a run that has just ended."""
-    verdict = judge(table, trial)
+    verdict = judge(faults, trial)
     garment, seed = garment_name(trial.request.garment), trial.request.seed
     name = f"{' and '.join(faults_of(trial.request))}, {garment} seed {seed}"
     word = "as due" if verdict.good else "without the fault" if verdict.due else "NOT AS DUE"
     return f"{name:<60} {verdict.end or '-':<10} {word:<17}" + ("" if verdict.good else f" {verdict.why}")
 
 
-def _print(results: FaultResults, folder: Path) -> None:
-    print("\nsimulated; runs that ended as due, of those in which the fault happened; interval: Wilson, 95 %")
-    print_table(
+def _lines(results: FaultResults, folder: Path) -> Iterator[str]:
+    yield "\nsimulated; runs that ended as due, of those in which the fault happened; interval: Wilson, 95 %"
+    yield from table(
         ("fault", "due", *map(garment_name, results.garments), "all", "interval"),
         [
             (
@@ -102,8 +101,8 @@ def _print(results: FaultResults, folder: Path) -> None:
         ],
     )
     for name, group in results.totals.items():
-        print(f"{name}: {_share(group)} ({interval(group.interval)})")
-    print(f"details  {folder / PAGE}")
+        yield f"{name}: {_share(group)} ({interval(group.interval)})"
+    yield f"details  {folder / PAGE}"
 
 
 def _share(group: Group) -> str:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 from pathlib import Path
 
-from foldcell.cell.commands.options import json_option, run_options
-from foldcell.cell.commands.output import print_json
+from foldcell.cell.commands.options import run_options
+from foldcell.cell.commands.output import answer
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.config.garments.garment_file import load_garment
 from foldcell.cell.journal.checkpoint_file import has_checkpoint
@@ -29,12 +30,10 @@ __all__ = ["add_options", "run", "tell"]
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.set_defaults(run=run)
     run_options(parser)
     parser.add_argument("--approve", action="store_true", help="ask before each fold")
     parser.add_argument("--realtime", action="store_true", help="simulated time passes no faster than the clock")
     parser.set_defaults(page=False, page_port=0, page_origin="")
-    json_option(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -63,37 +62,33 @@ def run(options: argparse.Namespace) -> int:
             quiet=options.json,
         )
     )
-    return tell(record, options.json)
+    return tell(record, options)
 
 
-def tell(record: RunRecord, json: bool) -> int:
+def tell(record: RunRecord, options: argparse.Namespace) -> int:
     """Print the record of a run, in a few lines or as JSON. Returns the exit code."""
-    if json:
-        print_json(record.as_json())
-    else:
-        _summary(record)
-    return record.exit_code
+    return answer(options, record.as_json(), _lines(record), record.exit_code)
 
 
-def _summary(run: RunRecord) -> None:
+def _lines(run: RunRecord) -> Iterator[str]:
     seed = f", seed {run.seed}" if run.simulated else ""  # a real cell has no seed
-    print(f"\n{garment_name(run.garment)}{seed}: {_result(run)}")
+    yield f"\n{garment_name(run.garment)}{seed}: {_result(run)}"
     if run.resumed_from:
-        print(f"  resumed {run.resumed_from}")
+        yield f"  resumed {run.resumed_from}"
     if run.recognised:
-        print(f"  recognised {plain(run.recognised.garment)}, confidence {run.recognised.confidence:.2f} of 1")
+        yield f"  recognised {plain(run.recognised.garment)}, confidence {run.recognised.confidence:.2f} of 1"
     if run.failure:
-        print(f"  {run.failure.what}" + (f" ({run.failure.hint})" if run.failure.hint else ""))
+        yield f"  {run.failure.what}" + (f" ({run.failure.hint})" if run.failure.hint else "")
         if run.failure.setting:
-            print(f"  the limit is {run.failure.setting}")
+            yield f"  the limit is {run.failure.setting}"
     for fold in run.steps:
-        print(f"  {fold.name}: {_fold(fold)}, attempts {fold.attempts}")
+        yield f"  {fold.name}: {_fold(fold)}, attempts {fold.attempts}"
     if run.claim:
-        print(f"  claim (camera): {_claim(run.claim)}")
+        yield f"  claim (camera): {_claim(run.claim)}"
     if run.score:
-        print(f"  score (simulated, cloth: {run.world}): {_score(run, run.score)}")
-    print(f"  robot time {run.robot_time_s:.1f} s, wall time {run.wall_time_s:.1f} s")
-    _files(run)
+        yield f"  score (simulated, cloth: {run.world}): {_score(run, run.score)}"
+    yield f"  robot time {run.robot_time_s:.1f} s, wall time {run.wall_time_s:.1f} s"
+    yield from _files(run)
 
 
 def _result(run: RunRecord) -> str:
@@ -136,16 +131,16 @@ def _score(run: RunRecord, score: ScoreRecord) -> str:
     return f"{verdict}, {figures}{ideal}"
 
 
-def _files(run: RunRecord) -> None:
-    """Print the files that the run left or could not keep, and how it can be resumed."""
+def _files(run: RunRecord) -> Iterator[str]:
+    """Yield lines about the files that the run left or could not keep, and how it can be resumed."""
     folder, lost = Path(run.run_dir), lost_in_words(run.recording)
     for what in (*run.unwritten, *lost):
-        print(f"  not kept   {what}")
+        yield f"  not kept   {what}"
     if run.state in {State.STOPPED, State.FAULT} and has_checkpoint(folder):
         resume = command_for(f"resume {folder.name}", folder.parent)
-        print(f"  resume     {resume}   (the arms release the garment, park, and the camera looks again)")
+        yield f"  resume     {resume}   (the arms release the garment, park, and the camera looks again)"
     if not run.unwritten:
-        print(f"  report     {folder}/report.html")
+        yield f"  report     {folder}/report.html"
     if not lost or (folder / "run.rrd").exists():
         replay = command_for("replay last", folder.parent)
-        print(f"  recording  {folder}/run.rrd   ({'incomplete; ' if lost else ''}{replay})")
+        yield f"  recording  {folder}/run.rrd   ({'incomplete; ' if lost else ''}{replay})"

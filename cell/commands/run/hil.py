@@ -7,14 +7,15 @@ import argparse
 import json
 import signal
 import sys
+from collections.abc import Iterator
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
 from foldcell.cell.campaigns.hil.script import Script, read_script
 from foldcell.cell.campaigns.hil.script_run import ScriptResult, check_script, run_script
-from foldcell.cell.commands.options import cell_option, driver_options, json_option, logs_option
-from foldcell.cell.commands.output import print_json, progress_stream
+from foldcell.cell.commands.options import cell_option, driver_options, logs_option
+from foldcell.cell.commands.output import answer, teller
 from foldcell.cell.commands.run.ladder import LADDER, SPEEDS, run_ladder
 from foldcell.cell.config.cell_settings import CellSettings, load_settings
 from foldcell.cell.hardware.driver_names import is_simulated
@@ -33,7 +34,6 @@ __all__ = ["add_options", "run"]
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.set_defaults(run=run)
     parser.add_argument(
         "scripts", nargs="+", type=Path, metavar="SCRIPT",
         help=f"YAML files, or folders of them; or '{LADDER}': the steps of a first day at a robot",
@@ -50,7 +50,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--speed", choices=SPEEDS, default="commissioning", help=f"{LADDER}: limits of all motions (commissioning)"
     )
-    json_option(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -84,10 +83,7 @@ def _campaign(options: argparse.Namespace, settings: CellSettings, scripts: list
     finally:  # also after an exception
         left = scripts[len(done) :]
         figures = _figures(done, left, options.driver)
-        if options.json:
-            print_json({**figures, "directory": str(folder)})
-        else:
-            _summary(done, left, folder)
+        answer(options, {**figures, "directory": str(folder)}, _summary(done, left, folder))
         _write_results(folder, figures)
         if options.junit is not None:
             cases = [p.as_case() for p in done]
@@ -103,16 +99,16 @@ def _perform(
     done: list[ScriptResult],
 ) -> int | None:  # fmt: skip
     """Run the scripts in order and append each result to `done`. Returns the signal that ended a run, or None."""
-    out = progress_stream(options.json)
+    tell = teller(options.json)
     for number, script in enumerate(scripts, 1):
-        print(f"{number:3d}/{len(scripts)}  {script.name}: {script.about}", file=out, flush=True)
+        tell(f"{number:3d}/{len(scripts)}  {script.name}: {script.about}")
         performance = run_script(
             script, settings, folder, driver=options.driver, world=options.world, live=options.live,
             realtime=options.realtime, tell=lambda line: print(f"         -> {line}", file=sys.stderr, flush=True),
         )  # fmt: skip
         done.append(performance)
         _write_results(folder, _figures(done, scripts[number:], options.driver))  # the process may be killed later
-        print(_outcome(performance), file=out, flush=True)
+        tell(_outcome(performance))
         if performance.result is not None and performance.result.signal is not None:
             return performance.result.signal
     return None
@@ -162,11 +158,10 @@ def _outcome(p: ScriptResult) -> str:
     return "\n".join(lines)
 
 
-def _summary(done: list[ScriptResult], left: list[Script], folder: Path) -> None:
+def _summary(done: list[ScriptResult], left: list[Script], folder: Path) -> Iterator[str]:
     failed = [p.script.name for p in done if not p.passed]
     names = f"; failed: {', '.join(failed)}" if failed else ""
-    lines = [f"\n{len(done) - len(failed)} of {len(done)} passed{names}"]
+    yield f"\n{len(done) - len(failed)} of {len(done)} passed{names}"
     if left:
-        lines.append(f"not performed: {', '.join(script.name for script in left)}")
-    lines.append(f"details  {folder / 'hil.json'}")
-    print("\n".join(lines), flush=True)
+        yield f"not performed: {', '.join(script.name for script in left)}"
+    yield f"details  {folder / 'hil.json'}"

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 
 from foldcell.cell.calibrating.session import CalibrationRequest
 from foldcell.cell.campaigns.ladder.climb import Passes, climb, write_results
 from foldcell.cell.campaigns.ladder.page import write_page
 from foldcell.cell.campaigns.ladder.steps import STEPS
-from foldcell.cell.commands.output import print_json, progress_stream
+from foldcell.cell.commands.output import answer, confirmed, teller
 from foldcell.cell.config.cell_settings import CellSettings, load_settings
 from foldcell.cell.hardware.driver_names import is_simulated
 from foldcell.cell.support.files.own_file import refuse_foreign
@@ -40,14 +39,13 @@ def run_ladder(options: argparse.Namespace) -> int:
         refuse_foreign(options.junit, f'<testsuite name="{SUITE}"'.encode())
     logs = prepare_logs(logs_directory(options.logs))
     passes = Passes(logs / f"ladder-{settings.robot}-{options.driver}.json")
-    out = progress_stream(options.json)
     begin = options.begin or STEPS[0].name
     request = CalibrationRequest(
         name=LADDER, seed=0, driver=options.driver, settings=settings, logs=logs, realtime=options.realtime,
-        say=lambda text: print(text, file=out, flush=True),
+        say=teller(options.json),
     )  # fmt: skip
     began = time.monotonic()
-    climbed = climb(request, begin, passes, _confirmed)
+    climbed = climb(request, begin, passes, confirmed)
     folder = campaign_folder(logs, LADDER)
     page = write_page(folder, climbed, options.driver, is_simulated(options.driver), options.speed)
     content = write_results(folder, climbed, options.driver)
@@ -56,22 +54,14 @@ def run_ladder(options: argparse.Namespace) -> int:
         left = [JUnitCase(step.name, skipped="not tried") for step in STEPS if step.name not in tried]
         write_whole(options.junit, junit_text(SUITE, [*tried.values(), *left]))
     good = all(result.passed for result in climbed.results)
-    if options.json:
-        print_json({**content, "page": str(page)})
-    else:
-        print(f"\n{content['passed']} of {len(climbed.results)} steps passed, {time.monotonic() - began:.0f} s")
-        print(f"page  {page}")
+    code = (0 if good else 2) if climbed.safe else 3
     if climbed.signal is not None:
-        return BY_SIGNAL + climbed.signal
-    return (0 if good else 2) if climbed.safe else 3
+        code = BY_SIGNAL + climbed.signal
+    took = f"{content['passed']} of {len(climbed.results)} steps passed, {time.monotonic() - began:.0f} s"
+    return answer(options, {**content, "page": str(page)}, [f"\n{took}", f"page  {page}"], code)
 
 
 def _at_speed(settings: CellSettings, speed: str) -> CellSettings:
     scale = SPEEDS[speed] or settings.motion.velocity_scale
     motion = settings.motion.model_copy(update={"accelerations": speed, "velocity_scale": scale})
     return settings.model_copy(update={"motion": motion})
-
-
-def _confirmed(question: str) -> bool:
-    print(f"{question} (yes) ", end="", file=sys.stderr, flush=True)
-    return sys.stdin is not None and sys.stdin.readline().strip().lower() == "yes"

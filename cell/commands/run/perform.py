@@ -15,7 +15,7 @@ from foldcell.cell.campaigns.trials.campaign import Campaign, TrialRequest
 from foldcell.cell.campaigns.trials.progress import CampaignProgress, described
 from foldcell.cell.campaigns.trials.store import CampaignFolder
 from foldcell.cell.campaigns.trials.trial import Trial
-from foldcell.cell.commands.output import progress_stream
+from foldcell.cell.commands.output import teller
 from foldcell.cell.hardware.placement import refuse_unfit_folds
 from foldcell.cell.support.files.paths import campaign_folder, command_for, logs_directory, prepare_logs, space_for
 from foldcell.robots.errors import ConfigurationError, StorageError
@@ -76,7 +76,7 @@ def perform(
 
     If the campaign is interrupted, a message says how to continue it. Raises what `perform_campaign` raises.
     """
-    out = progress_stream(options.json)
+    tell = teller(options.json)
     with campaign.owned():
         finished, total = len(campaign.finished()), len(campaign.campaign.requests)
         try:
@@ -84,12 +84,9 @@ def perform(
                 for note in workers.notes:
                     print(note, file=sys.stderr)
                 already = f", {finished} of them finished earlier" if finished else ""
-                print(f"{total} runs{already}, {workers.count} at a time", file=out, flush=True)
-                print(f"folder   {campaign.path}", file=out, flush=True)
+                tell(f"{total} runs{already}, {workers.count} at a time\nfolder   {campaign.path}")
                 progress = CampaignProgress(total, finished, workers.count, describe)
-                return perform_campaign(
-                    campaign, workers, lambda t: print(progress.line(t), file=out, flush=True), write=write
-                )
+                return perform_campaign(campaign, workers, lambda t: tell(progress.line(t)), write=write)
         except ConfigurationError:  # no workers: do not leave a campaign that never began
             if options.resume is None and not campaign.finished():
                 shutil.rmtree(campaign.path)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 import sys
 
-from foldcell.cell.commands.options import cell_option, json_option
-from foldcell.cell.commands.output import print_json
+from foldcell.cell.commands.options import cell_option
+from foldcell.cell.commands.output import answer, confirmed
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.hardware.driver import stop_circuit
 from foldcell.robots.errors import DriverError, FailureKind
@@ -16,10 +16,8 @@ __all__ = ["add_options", "run"]
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.set_defaults(run=run)
     parser.add_argument("--yes", action="store_true", help="the cause is cleared and nobody is near: do not ask")
     cell_option(parser)
-    json_option(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -49,14 +47,8 @@ def _pressed_since(stop: Stop, reason: str) -> bool:
 
 def _agreed(reason: str) -> bool:
     print(f"The robot is stopped: {reason}.", file=sys.stderr)
-    question = "Is the cause cleared, and nobody within reach of the arms? (yes) "
-    print(question, end="", file=sys.stderr, flush=True)
-    return sys.stdin is not None and sys.stdin.readline().strip().lower() == "yes"
+    return confirmed("Is the cause cleared, and nobody within reach of the arms?")
 
 
 def _report(options: argparse.Namespace, state: str, text: str) -> int:
-    if options.json:
-        print_json({"state": state, "what": text})
-    else:
-        print(text)
-    return 2 if state == "stopped" else 0
+    return answer(options, {"state": state, "what": text}, [text], 2 if state == "stopped" else 0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from foldcell.cell.commands.options import json_option, logs_option, run_name
+from foldcell.cell.commands.options import logs_option, run_name
 from foldcell.cell.commands.run.fold import tell
 from foldcell.cell.journal.journal import Journal
 from foldcell.cell.support.files.paths import journal_path, logs_directory, prepare_logs
@@ -14,12 +14,10 @@ __all__ = ["add_options", "run"]
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.set_defaults(run=run)
     run_name(parser)
     logs_option(parser)
     parser.add_argument("--live", action="store_true", help="show the run in a Rerun viewer while it lasts")
     parser.add_argument("--approve", action="store_true", help="ask before each fold, even if the run did not")
-    json_option(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -35,4 +33,4 @@ def run(options: argparse.Namespace) -> int:
     with Journal.open(journal_path(logs), readonly=True) as journal:
         interrupted = interrupted_run(journal, options.name, logs, **changes)
     prepare_logs(logs)
-    return tell(fold_once(interrupted.request, interrupted=interrupted), options.json)
+    return tell(fold_once(interrupted.request, interrupted=interrupted), options)

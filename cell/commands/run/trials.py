@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,16 +12,8 @@ from foldcell.cell.campaigns.page.campaign_page import PAGE
 from foldcell.cell.campaigns.results import CampaignResults
 from foldcell.cell.campaigns.statistics.summary import ALL
 from foldcell.cell.campaigns.trials.campaign import Campaign, CampaignFile, campaign_of, read_campaign
-from foldcell.cell.commands.options import (
-    cell_option,
-    count,
-    driver_options,
-    folder,
-    json_option,
-    logs_option,
-    seed,
-)
-from foldcell.cell.commands.output import print_json, print_table
+from foldcell.cell.commands.options import cell_option, count, driver_options, folder, logs_option, seed
+from foldcell.cell.commands.output import answer, table
 from foldcell.cell.commands.run.endurance import run_endurance
 from foldcell.cell.commands.run.fault_trials import TABLE, add_fault_options, run_fault_trials
 from foldcell.cell.commands.run.perform import first_seed, new_campaign, perform, resumed_campaign
@@ -37,7 +29,6 @@ OF_A_NEW_ONE = ("garments", "n", "first_seed", "keep", "cell")
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.set_defaults(run=run)
     parser.add_argument("file", nargs="?", type=Path, metavar="CAMPAIGN.yaml", help="a campaign file, else flags")
     parser.add_argument("--garments", metavar="A,B", help="names separated by commas, or all (all)")
     parser.add_argument("--n", type=count, metavar="N", help="runs of each garment (10)")
@@ -61,7 +52,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     driver_options(parser, real=False)  # no real cell: a person cannot lay the garment hundreds of times
     cell_option(parser)
     logs_option(parser)
-    json_option(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -87,11 +77,9 @@ def run(options: argparse.Namespace) -> int:
         folder = new_campaign(_campaign(options), "trials", options)
     trials = perform(folder, options)
     results = CampaignResults.of(folder.campaign, trials)
-    if options.json:
-        print_json({**results.as_json(), "directory": str(folder.path)})
-    else:
-        _print(folder.path, results)
-    return 3 if any(t.result in ("fault", "not_performed") for t in trials) else 0
+    code = 3 if any(t.result in ("fault", "not_performed") for t in trials) else 0
+    figures = {**results.as_json(), "directory": str(folder.path)}
+    return answer(options, figures, _lines(folder.path, results), code)
 
 
 def _hours(text: str) -> float:
@@ -131,8 +119,8 @@ def _refuse(options: argparse.Namespace, given: str, names: Sequence[str]) -> No
         raise ConfigurationError(f"{given} with {', '.join(both)}", f"{given} already states the runs")
 
 
-def _print(folder: Path, results: CampaignResults) -> None:
-    print("\nsimulated; folded: claimed and passed by the scorer; interval: Wilson, 95 %; times and IoU: medians")
+def _lines(folder: Path, results: CampaignResults) -> Iterator[str]:
+    yield "\nsimulated; folded: claimed and passed by the scorer; interval: Wilson, 95 %; times and IoU: medians"
     several = len(results.variants) > 1
     rows = [row for variant in results.variants for row in variant.rows]
     names = (
@@ -147,19 +135,19 @@ def _print(folder: Path, results: CampaignResults) -> None:
         for r in rows
     ]  # fmt: skip
     left_out = 0 if several else 1
-    print_table(names[left_out:], [row[left_out:] for row in cells])
+    yield from table(names[left_out:], [row[left_out:] for row in cells])
     for variant in results.variants:
-        table = variant.claims
-        print(
-            f"{variant.name + ': ' if several else ''}claimed and passed {table.claimed_passed}, "
-            f"claimed in error {table.claimed_failed}, passed but not claimed {table.unclaimed_passed}, "
-            f"neither {table.unclaimed_failed}; "
-            f"precision {percent(table.precision)}, recall {percent(table.recall)}"
+        counts = variant.claims
+        yield (
+            f"{variant.name + ': ' if several else ''}claimed and passed {counts.claimed_passed}, "
+            f"claimed in error {counts.claimed_failed}, passed but not claimed {counts.unclaimed_passed}, "
+            f"neither {counts.unclaimed_failed}; "
+            f"precision {percent(counts.precision)}, recall {percent(counts.recall)}"
         )
         for part, found in variant.part_claims.items():
-            print(f"  {part} alone: precision {percent(found.precision)}, recall {percent(found.recall)}")
+            yield f"  {part} alone: precision {percent(found.precision)}, recall {percent(found.recall)}"
     for first, second, c in results.comparisons:
-        print(
+        yield (
             f"{second} against {first}: {c.pairs} pairs, better in {len(c.only_second)}, worse in "
             f"{len(c.only_first)}, p = {c.p_value:.3f} (McNemar, exact)"
         )
@@ -167,10 +155,10 @@ def _print(folder: Path, results: CampaignResults) -> None:
     for row in rows:
         causes.update(row.causes if row.garment != ALL else {})
     for cause, number in causes.most_common():
-        print(f"{number:4d}  {cause}")
+        yield f"{number:4d}  {cause}"
     missed = sum(bool(trial.seen and trial.seen.not_done) for trial in results.trials)
     if missed:
-        print(f"{missed} runs ended before all that their variant's script states had happened")
+        yield f"{missed} runs ended before all that their variant's script states had happened"
     if results.not_performed:
-        print(f"{len(results.not_performed)} runs were not performed: see the messages above")
-    print(f"details  {folder / PAGE}")
+        yield f"{len(results.not_performed)} runs were not performed: see the messages above"
+    yield f"details  {folder / PAGE}"

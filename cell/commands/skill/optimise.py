@@ -7,8 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from foldcell.cell.commands.options import cell_option, count, json_option
-from foldcell.cell.commands.output import print_json, progress_stream
+from foldcell.cell.commands.options import cell_option, count
+from foldcell.cell.commands.output import answer, progress_stream
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.config.garments.garment_file import load_garment
 from foldcell.cell.operator.progress.bar import ProgressBar
@@ -25,7 +25,6 @@ __all__ = ["add_options", "run"]
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.set_defaults(run=run)
     parser.add_argument("garment", metavar="GARMENT", help="name or file")
     parser.add_argument("--step", type=count, metavar="N", help="only the N-th fold, from 1 (all)")
     parser.add_argument(
@@ -38,7 +37,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--export", type=Path, metavar="FILE", help="tool poses and times, as .csv, .json or .yaml (ROS)"
     )
     cell_option(parser)
-    json_option(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -49,9 +47,7 @@ def run(options: argparse.Namespace) -> int:
     _check_export(options.export)
     check_step(garment, options.step)
     method = options.method or settings.optimiser.method
-    out = progress_stream(options.json)
-
-    bar = ProgressBar(out)
+    bar = ProgressBar(progress_stream(options.json))
     results: list[dict[str, Any]] = []
     poses: dict[str, dict[str, Array]] = {}
     with report_compilation(bar.line):
@@ -65,13 +61,12 @@ def run(options: argparse.Namespace) -> int:
     bar.clear()
     export = str(options.export) if options.export and poses else None
     if options.export is not None and not poses:
-        print(f"no fold has a trajectory; {options.export} is not written", file=out)
+        bar.line(f"no fold has a trajectory; {options.export} is not written")
     elif options.export is not None:
         write_whole(options.export, tool_poses_text(garment.name, poses, options.export.suffix).encode())
-        print(f"tool poses and times  {options.export}", file=out)
-    if options.json:
-        print_json({"garment": garment.name, "method": method, "steps": results, "export": export})
-    return 2 if any(s["failure"] for s in results) else 0
+        bar.line(f"tool poses and times  {options.export}")
+    figures = {"garment": garment.name, "method": method, "steps": results, "export": export}
+    return answer(options, figures, (), 2 if any(s["failure"] for s in results) else 0)
 
 
 def _show(bar: ProgressBar, step: FoldStep, done: int, budget: int, best: float) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from foldcell.cell.commands.options import cell_option, json_option
-from foldcell.cell.commands.output import print_json
+from foldcell.cell.commands.options import cell_option
+from foldcell.cell.commands.output import answer
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.hardware.photograph import in_unit, perceive_photograph, read_photograph
 from foldcell.cell.support.files.own_file import PNG_MARK, marked_png, refuse_foreign
@@ -44,7 +45,6 @@ class Look:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.set_defaults(run=run)
     parser.add_argument("image", type=Path, metavar="IMAGE", help="colour picture from the cell's camera")
     parser.add_argument(
         "--depth", type=Path, help="depth of the image: 16-bit PNG in millimetres, or .npy in metres"
@@ -57,7 +57,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--unit", choices=["m", "px"], default="m", help="px: photographed from above by an unknown camera (m)"
     )
     cell_option(parser)
-    json_option(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -71,18 +70,13 @@ def run(options: argparse.Namespace) -> int:
     notes = look.outcome.notes
     if (failure := look.outcome.failure) is not None:
         write_refused(output, look)
-        if options.json:
-            print_json({**_refused(options.image, output, options.unit, failure), "notes": notes})
-        else:
-            print(f"not recognised: {failure}\noverlay  {output}   ({look.shows})")
-        return 2
+        figures = {**_refused(options.image, output, options.unit, failure), "notes": notes}
+        lines = [f"not recognised: {failure}", f"overlay  {output}   ({look.shows})"]
+        return answer(options, figures, lines, 2)
     perception = look.outcome.unwrap()
     write_overlay(output, perception, look.frame)
-    if options.json:
-        print_json({**_figures(options.image, perception, output, options.unit), "notes": notes})
-    else:
-        _print(perception, output, options.unit)
-    return 0
+    figures = {**_figures(options.image, perception, output, options.unit), "notes": notes}
+    return answer(options, figures, _lines(perception, output, options.unit))
 
 
 def look_at(options: argparse.Namespace, garment: str) -> Look:
@@ -172,11 +166,11 @@ def _keypoints(perception: Perception, unit: str) -> dict[str, Array]:
     return {name: in_unit(perception, p, unit) for name, p in perception.state.keypoints.items()}
 
 
-def _print(perception: Perception, overlay: Path, unit: str) -> None:
+def _lines(perception: Perception, overlay: Path, unit: str) -> Iterator[str]:
     state = perception.state
-    print(f"{state.category} ({perception.garment}), confidence {state.confidence:.2f}")
+    yield f"{state.category} ({perception.garment}), confidence {state.confidence:.2f}"
     where = "in the table frame [m]" if unit == "m" else "in the picture [px, column and row]"
-    print(f"key points {where}:")
+    yield f"key points {where}:"
     for name, (x, y) in _keypoints(perception, unit).items():
-        print(f"  {name:<20} {x:+.3f} {y:+.3f}" if unit == "m" else f"  {name:<20} {x:8.1f} {y:8.1f}")
-    print(f"overlay  {overlay}")
+        yield f"  {name:<20} {x:+.3f} {y:+.3f}" if unit == "m" else f"  {name:<20} {x:8.1f} {y:8.1f}"
+    yield f"overlay  {overlay}"
