@@ -15,7 +15,7 @@ from pathlib import Path
 from urllib.parse import urlencode
 
 from benchmarks.operator.chromium import Chromium, keep_picture
-from foldcell.cell.view.viewing.screenshot import screenshot
+from benchmarks.viewer_picture import screenshot
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "docs" / "pictures"

@@ -67,7 +67,7 @@ class Run:
     def grips(self) -> Mapping[str, Array] | None:
         """The grip forces that the pads measured: 'left' and 'right' -> (k, 2), rows of time [s] and force [N];
         None for a run without a transcript. Raises as `set_points`."""
-        from foldcell.cell.transcript.grip_readings import read_grips
+        from foldcell.cell.transcript.set_points import read_grips
 
         transcript = self._transcript()
         return read_grips(transcript) if transcript else None

@@ -75,16 +75,10 @@ def confirmed(question: str) -> bool:
 def write_drawing(folder: Path, name: str, picture: NDArray[np.uint8]) -> str:
     """Write the picture (H, W, 3) as a PNG into the folder, and return its path. Raises like `refuse_drawing`, and
     StorageError if the file cannot be written."""
-    import cv2
-
-    from foldcell.cell.support.files.own_file import marked_png
-    from foldcell.cell.support.files.whole_file import write_whole
+    from foldcell.cell.support.files.encoded_picture import write_png
 
     path = refuse_drawing(folder, name)
-    done, png = cv2.imencode(".png", picture[:, :, ::-1])
-    if not done:
-        raise AssertionError("a drawing could not be encoded")
-    write_whole(path, marked_png(png.tobytes()))
+    write_png(path, picture)
     return str(path)
 
 

@@ -4,9 +4,8 @@ state, the actions of the cell, and the garment after."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +15,7 @@ from foldcell.cell.report.camera_pictures.question_picture import OUTLINE, draw_
 from foldcell.cell.states.observers import FAILING, Step
 from foldcell.cell.states.run_context import Result, RunContext
 from foldcell.cell.states.transition_table import Effect, Event
+from foldcell.cell.support.files.encoded_picture import shrunk
 from foldcell.robots.errors import Failure
 from foldcell.robots.ports import Array, CameraFrame
 from foldcell.skills.fold_figures.outline import outline
@@ -38,23 +38,10 @@ class Scene:
     rgb: NDArray[np.uint8] | None = None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class FailureStory:
-    """The story of a failure. title: the failure and the state in which it happened; what: as the operator reads
-    it."""
-
-    t: float
-    title: str
-    what: str
-    before: tuple[Scene, ...]
-    thought: tuple[Scene, ...]
-    done: tuple[Scene, ...]
-    after: tuple[Scene, ...]
-
-
-@dataclass
-class _Open:
-    """A story that has not ended."""
+    """The story of a failure, which grows until it ends. title: the failure and the state in which it happened;
+    what: as the operator reads it."""
 
     t: float
     title: str
@@ -62,10 +49,7 @@ class _Open:
     before: list[Scene]
     thought: list[Scene] = field(default_factory=list)
     done: list[Scene] = field(default_factory=list)
-
-    def closed(self, after: Sequence[Scene]) -> FailureStory:
-        parts = (tuple(part) for part in (self.before, self.thought, self.done, after))
-        return FailureStory(self.t, self.title, self.what, *parts)
+    after: list[Scene] = field(default_factory=list)
 
 
 class FailureStories:
@@ -78,7 +62,7 @@ class FailureStories:
     def __init__(self, calibration: CameraCalibration) -> None:
         self._nominal = calibration
         self._told: list[FailureStory] = []
-        self._open: _Open | None = None
+        self._open: FailureStory | None = None
         self._before: CameraFrame | None = None  # the last picture before which nothing had failed
         self._shown: CameraFrame | None = None  # the last picture in the present story
         self._context = RunContext()
@@ -92,7 +76,7 @@ class FailureStories:
         frame, picture, says = self._context.sight.shown, None, "the run ended, and no other picture was taken"
         if frame is not None and frame is not self._shown:
             picture, says = draw_failure(frame, self._calibration, self._context), "the last picture of the run"
-        return (*self._told, self._open.closed([Scene(self._t, says, _small(picture))]))
+        return (*self._told, replace(self._open, after=[Scene(self._t, says, _small(picture))]))
 
     def entered(self, t: float, step: Step) -> None: ...
 
@@ -111,7 +95,7 @@ class FailureStories:
         title = plain(f"{failure.kind} while {step.target}")
         story, frame = self._open, self._context.sight.shown
         if story is None:
-            story = self._open = _Open(t, title, failure.what, self._scene_before(before))
+            story = self._open = FailureStory(t, title, failure.what, self._scene_before(before))
             self._shown = self._before
         elif step.effect not in SEEING | {Effect.ESTIMATE}:
             story.done.append(Scene(t, f"{title}: {failure.what}"))
@@ -123,7 +107,7 @@ class FailureStories:
         if not self._estimated(t, story, before) and step.effect is Effect.ESTIMATE:
             story.thought.append(Scene(t, failure.what))
 
-    def _went_on(self, t: float, step: Step, result: Result, story: _Open, before: RunContext) -> None:
+    def _went_on(self, t: float, step: Step, result: Result, story: FailureStory, before: RunContext) -> None:
         frame = self._context.sight.frame
         self._estimated(t, story, before)
         if step.effect is Effect.CHOOSE_RECOVERY:
@@ -139,7 +123,7 @@ class FailureStories:
             answer = COMMANDS[Event(str(result.record["command"]))]
             story.done.append(Scene(t, f"the operator answered: {answer}"))
 
-    def _estimated(self, t: float, story: _Open, before: RunContext) -> bool:
+    def _estimated(self, t: float, story: FailureStory, before: RunContext) -> bool:
         """Add the estimate that was just made. Returns whether one was made."""
         notes = self._context.estimates
         if len(notes) <= len(before.estimates):
@@ -162,7 +146,7 @@ class FailureStories:
         frame = self._context.sight.frame
         if self._open is not None:
             picture = None if frame is None else _outlined(frame, self._calibration, _seen(effect, self._context))
-            self._told.append(self._open.closed([Scene(t, settled, _small(picture))]))
+            self._told.append(replace(self._open, after=[Scene(t, settled, _small(picture))]))
             self._open = None
         self._before = frame
 
@@ -212,10 +196,4 @@ def _outlined(frame: CameraFrame, calibration: CameraCalibration, contours: Sequ
 
 def _small(picture: NDArray[np.uint8] | None) -> NDArray[np.uint8] | None:
     """Return the picture at the width at which the report shows it."""
-    if picture is None:
-        return None
-    height, width = picture.shape[:2]
-    if width <= WIDTH:
-        return picture
-    size = WIDTH, round(height * WIDTH / width)
-    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    return None if picture is None else shrunk(picture, WIDTH)

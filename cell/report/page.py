@@ -6,14 +6,12 @@ dark theme and can be printed. A click enlarges a picture.
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
@@ -23,14 +21,16 @@ from foldcell.cell.config.changed_settings import changed_settings
 from foldcell.cell.record import words
 from foldcell.cell.record.run_record import RunRecord
 from foldcell.cell.report.failure_stories import FailureStory
+from foldcell.cell.report.pictures.film import CaptionedPicture
 from foldcell.cell.report.pictures.outline_drawing import outline_drawing
 from foldcell.cell.states.state_chart import marked_chart
 from foldcell.cell.states.transition_table import State
+from foldcell.cell.support.files.encoded_picture import data_uri, jpeg_file, shrunk
 from foldcell.cell.support.files.html_page import page_template
 from foldcell.cell.support.json_values import flattened
 from foldcell.robots.ports import Array
 
-__all__ = ["FILM", "FoldPictures", "Picture", "ReportPictures", "render"]
+__all__ = ["FILM", "FoldPictures", "ReportPictures", "render"]
 
 FILM = "film.webp"
 """Name of the film's file, in the folder of the run."""
@@ -41,19 +41,11 @@ VERSIONS = ("foldcell", "pin", "ruckig", "pybullet", "rerun-sdk", "numba")
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
-    """A picture and its caption. rgb: (H, W, 3) uint8."""
-
-    rgb: NDArray[np.uint8]
-    caption: str = ""
-
-
-@dataclass(frozen=True, eq=False)
 class FoldPictures:
     """The pictures of one fold. source: what the key frames were made from, in words. outlines: 'original' (flat,
     as it was laid), 'predicted' and 'observed' -> contours (k, 2) in the table frame [m]."""
 
-    key_frames: tuple[Picture, ...] = ()
+    key_frames: tuple[CaptionedPicture, ...] = ()
     source: str = ""
     outlines: Mapping[str, Sequence[Array]] = field(default_factory=dict)
 
@@ -65,18 +57,18 @@ class ReportPictures:
     film_note: what it shows. stories: the failures in pictures. estimates: the estimates that no story tells."""
 
     folds: Mapping[str, FoldPictures] = field(default_factory=dict)
-    overview: tuple[Picture, ...] = ()
+    overview: tuple[CaptionedPicture, ...] = ()
     film: bytes = b""
     film_note: str = ""
     stories: tuple[FailureStory, ...] = ()
-    estimates: tuple[Picture, ...] = ()
+    estimates: tuple[CaptionedPicture, ...] = ()
 
 
 def render(run: RunRecord, pictures: ReportPictures, title: str, settings: CellSettings) -> str:
     """Return the page as HTML text. title: name of the garment; settings: of the run, of which the page lists
     those that differ from the shipped ones."""
     template = page_template(
-        Path(__file__).with_name("page.html"), capital=words.capital, data_uri=data_uri, figure=words.figure,
+        Path(__file__).with_name("page.html"), capital=words.capital, data_uri=_inlined, figure=words.figure,
         garment=words.garment_name, metres=words.length, plain=words.plain, seconds=words.seconds, words=_title,
         value=_value,
     )  # fmt: skip
@@ -84,7 +76,7 @@ def render(run: RunRecord, pictures: ReportPictures, title: str, settings: CellS
     return template.render(
         outline_drawing=outline_drawing,
         no_pictures=FoldPictures(),
-        webp_uri=webp_uri,
+        film_uri=data_uri(pictures.film, "webp"),
         run=run,
         run_id=Path(run.run_dir).name,
         title=title,
@@ -111,18 +103,5 @@ def _value(setting: Any) -> str:
     return ", ".join(map(str, setting)) if isinstance(setting, list) else str(setting)
 
 
-def webp_uri(film: bytes) -> str:
-    """Encode a WebP file as a data URI."""
-    return "data:image/webp;base64," + base64.b64encode(film).decode("ascii")
-
-
-def data_uri(rgb: NDArray[np.uint8]) -> str:
-    """Encode a picture (H, W, 3) as a data URI that contains a JPEG."""
-    if rgb.shape[1] > PICTURE_WIDTH:
-        size = (PICTURE_WIDTH, round(rgb.shape[0] * PICTURE_WIDTH / rgb.shape[1]))
-        rgb = np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-    bgr = cv2.cvtColor(np.ascontiguousarray(rgb), cv2.COLOR_RGB2BGR)
-    ok, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-    if not ok:
-        raise ValueError(f"a picture of shape {rgb.shape} cannot be encoded")
-    return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode("ascii")
+def _inlined(rgb: NDArray[np.uint8]) -> str:
+    return data_uri(jpeg_file(shrunk(rgb, PICTURE_WIDTH), JPEG_QUALITY), "jpeg")

@@ -17,7 +17,8 @@ from foldcell.cell.record.run_record import RunRecord
 from foldcell.cell.record.words import garment_name, length, plain
 from foldcell.cell.report.camera_pictures.question_files import FOLDER as QUESTIONS_FOLDER
 from foldcell.cell.report.failure_stories import FailureStory
-from foldcell.cell.report.page import FILM, FoldPictures, Picture, ReportPictures, render
+from foldcell.cell.report.page import FILM, FoldPictures, ReportPictures, render
+from foldcell.cell.report.pictures.film import SIZE, CaptionedPicture, DrawnHold
 from foldcell.cell.report.pictures.fold_pictures import KeyFrame, fold_strip, join
 from foldcell.cell.report.pictures.height_map import TICK, height_maps
 from foldcell.cell.report.pictures.recorded_holds import TrueFrame, spread
@@ -28,9 +29,9 @@ from foldcell.cell.report.pictures.run_drawing import (
     film_of_run,
     run_drawing,
 )
-from foldcell.cell.report.pictures.run_film import SIZE, DrawnHold
 from foldcell.cell.states.run_context import RunContext
 from foldcell.cell.states.stages import FoldNote
+from foldcell.cell.support.files.encoded_picture import shrunk
 from foldcell.cell.support.files.whole_file import write_whole
 from foldcell.skills.fold_figures.outline import outline
 from foldcell.skills.vocabulary import CameraCalibration
@@ -95,16 +96,11 @@ def _write_strip(path: Path, folds: Sequence[FoldPictures]) -> None:
         drawn = [p for p in fold.key_frames if not p.caption.startswith(("camera", "heights"))]
         for at in range(0, len(drawn), PREDICTED_FRAMES):
             row = drawn[at : at + PREDICTED_FRAMES]
-            rows.append(join([_small(p.rgb) for p in row], [p.caption for p in row]))
+            rows.append(join([shrunk(p.rgb, STRIP_WIDTH) for p in row], [p.caption for p in row]))
     if rows:
         width = max(row.shape[1] for row in rows)
         same = [np.pad(r, ((0, 4), (0, width - r.shape[1]), (0, 0)), constant_values=255) for r in rows]
         cv2.imwrite(str(path), np.vstack(same)[..., ::-1])
-
-
-def _small(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    size = STRIP_WIDTH, round(rgb.shape[0] * STRIP_WIDTH / rgb.shape[1])
-    return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 def _write_pressing(path: Path, notes: Sequence[FoldNote]) -> None:
@@ -121,14 +117,16 @@ def _fold(note: FoldNote, hold: DrawnHold | None, drawing: RunDrawing) -> FoldPi
         [KeyFrame(v) for v in attempt.plan_frames], attempt.predicted.triangles,
         size=SIZE, scenery=drawing.along(note), view=drawing.view,
     )  # fmt: skip
-    pictures = [Picture(p, f"predicted, {100 * m:.0f} %") for p, m in zip(predicted, moments, strict=True)]
+    pictures = [
+        CaptionedPicture(p, f"predicted, {100 * m:.0f} %") for p, m in zip(predicted, moments, strict=True)
+    ]
     what = "the repair that completed this fold" if attempt.repaired else "the planned tool path"
     made_from = [f"predicted: cloth simulation along {what}"]
     if hold is not None:
         chosen = [(hold.pictures[i], hold.times[i]) for i in spread(len(hold.times), PREDICTED_FRAMES)]
-        pictures += [Picture(p, f"simulated cell, {t:.1f} s") for p, t in chosen]
+        pictures += [CaptionedPicture(p, f"simulated cell, {t:.1f} s") for p, t in chosen]
         made_from.append("simulated cell: the recorded garment")
-    pictures += [Picture(drawing.seen(f), f"camera, {f.stamp:.1f} s") for f in attempt.pictures]
+    pictures += [CaptionedPicture(drawing.seen(f), f"camera, {f.stamp:.1f} s") for f in attempt.pictures]
     heights = list(_pressings(note)) or list(_refused(note))
     pictures += heights
     made_from.append("camera: over the robot's head")
@@ -142,7 +140,7 @@ def _fold(note: FoldNote, hold: DrawnHold | None, drawing: RunDrawing) -> FoldPi
     return FoldPictures(tuple(pictures), "; ".join(made_from), outlines)
 
 
-def _pressings(note: FoldNote) -> Iterator[Picture]:
+def _pressings(note: FoldNote) -> Iterator[CaptionedPicture]:
     """Yield the height maps before each pressing and after the last pressing. Yields nothing if the fold was not
     inspected after the last pressing."""
     pressed = note.attempt.pressed
@@ -151,18 +149,18 @@ def _pressings(note: FoldNote) -> Iterator[Picture]:
     looks = (*pressed, note.inspected)
     times = ["before"] * len(pressed) + ["after"]
     for look, picture, time in zip(looks, height_maps(looks), times, strict=True):
-        yield Picture(picture, f"heights seen {time} pressing, {length(look.height_m, 0)}")
+        yield CaptionedPicture(picture, f"heights seen {time} pressing, {length(look.height_m, 0)}")
 
 
-def _refused(note: FoldNote) -> Iterator[Picture]:
+def _refused(note: FoldNote) -> Iterator[CaptionedPicture]:
     """Yield the height map of a fold that was not accepted."""
     seen = note.inspected
     if seen is not None and not note.accepted:
         height = f", {length(seen.height_m, 0)}" if np.isfinite(seen.height_m) else ""
-        yield Picture(height_maps([seen])[0], f"heights seen{height}")
+        yield CaptionedPicture(height_maps([seen])[0], f"heights seen{height}")
 
 
-def _estimates(context: RunContext, stories: Sequence[FailureStory]) -> Iterator[Picture]:
+def _estimates(context: RunContext, stories: Sequence[FailureStory]) -> Iterator[CaptionedPicture]:
     """Yield the candidates of each estimate that no story tells, drawn over the picture, with the estimate in
     words. A resumed run does not tell the stories of the run before."""
     names = [step.name for step in context.steps]
@@ -171,24 +169,24 @@ def _estimates(context: RunContext, stories: Sequence[FailureStory]) -> Iterator
         if (note.t, note.says) in told:
             continue
         name = names[note.fold] if note.fold < len(names) else f"fold {note.fold + 1}"
-        yield Picture(note.picture, f"{note.t:.1f} s, fold {name}: {note.says}")
+        yield CaptionedPicture(note.picture, f"{note.t:.1f} s, fold {name}: {note.says}")
 
 
-def _overview(context: RunContext, drawing: RunDrawing) -> Iterator[Picture]:
+def _overview(context: RunContext, drawing: RunDrawing) -> Iterator[CaptionedPicture]:
     sight, recognition = context.sight, context.recognition
     if sight.reference is not None:
-        yield Picture(sight.reference.rgb, "the empty table")
+        yield CaptionedPicture(sight.reference.rgb, "the empty table")
     if recognition is not None:
-        yield Picture(recognition.overlay, "recognised")
+        yield CaptionedPicture(recognition.overlay, "recognised")
     if sight.shown is not None:
-        yield Picture(drawing.seen(sight.shown), "the last picture")
+        yield CaptionedPicture(drawing.seen(sight.shown), "the last picture")
 
 
-def _questions(folder: Path) -> Iterator[Picture]:
+def _questions(folder: Path) -> Iterator[CaptionedPicture]:
     """Yield the pictures of the questions that the cell has asked."""
     for path in sorted((folder / QUESTIONS_FOLDER).glob("*.jpg")):
         bgr = cv2.imread(str(path))
         if bgr is not None:
             number, _, state = path.stem.partition("-")
             picture = np.ascontiguousarray(bgr[..., ::-1], dtype=np.uint8)
-            yield Picture(picture, f"question {int(number)}, {plain(state)}")
+            yield CaptionedPicture(picture, f"question {int(number)}, {plain(state)}")

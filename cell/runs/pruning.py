@@ -11,8 +11,8 @@ from foldcell.cell.journal.checkpoint_file import CHECKPOINT, has_checkpoint
 from foldcell.cell.journal.frame_store import FRAMES
 from foldcell.cell.journal.journal import Journal, JournalRun
 from foldcell.cell.runs.checkpoint_writer import WORLD
+from foldcell.cell.runs.request_file import BEGAN_WITH
 from foldcell.cell.runs.resumable import resumable
-from foldcell.cell.runs.run_inputs import BEGAN_WITH
 from foldcell.cell.support.files.paths import JOURNAL_FILE
 from foldcell.robots.errors import StorageError
 

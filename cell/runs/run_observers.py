@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import replace
 from socket import socket
 from typing import TYPE_CHECKING
 
@@ -162,7 +163,7 @@ class RunObservers:
             self.truth.close()
         lost, transcript_error = self.recorder.close(), self._port_recorder.close()
         errors = (*(f"recording: {error}" for error in lost.errors), *filter(None, [transcript_error]))
-        return RecordingLosses(lost.dropped, lost.live_dropped, errors, lost.live_errors)
+        return replace(lost, errors=errors)
 
 
 def _live_view(calibration: CameraCalibration) -> LiveView:

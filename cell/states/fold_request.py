@@ -27,7 +27,7 @@ class FoldRequest:
     settings: CellSettings
     settings_path: Path | None
     logs: Path
-    live: bool | str = False
+    live: bool = False
     approve: bool = False
     terminal: bool = True
     page: bool = False

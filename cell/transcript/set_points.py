@@ -1,4 +1,4 @@
-"""The commands of a run as arrays, read from its transcript."""
+"""The commands and the measured grip forces of a run as arrays, read from its transcript."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from foldcell.cell.transcript.channels import Channel
 from foldcell.cell.transcript.transcript import Transcript
 from foldcell.cell.transcript.transcript_codec import unpack
-from foldcell.robots.ports import Array, JointSetpoint, frozen
+from foldcell.robots.ports import Array, JointSetpoint, TactileReading, frozen
 
-__all__ = ["SetPoints", "read_set_points"]
+__all__ = ["SetPoints", "read_grips", "read_set_points"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,3 +59,14 @@ def read_set_points(transcript: Transcript) -> SetPoints:
         grippers={side: frozen(np.array(rows, float).reshape(-1, 3)) for side, rows in grippers.items()},
         head=frozen(np.array(head, float).reshape(-1, 2)),
     )
+
+
+def read_grips(transcript: Transcript) -> Mapping[str, Array]:
+    """Return 'left' and 'right' -> (k, 2), rows of time [s] and grip force [N], one for each reading of a hand's
+    pads. Raises StorageError for a damaged transcript."""
+    rows: dict[str, list[tuple[float, float]]] = {side: [] for side in transcript.constants.max_opening}
+    for exchange in transcript:
+        answer = exchange.answer
+        if exchange.channel is Channel.TACTILE and isinstance(answer, TactileReading):
+            rows[answer.side.value].append((answer.stamp, answer.grip))
+    return {side: frozen(np.array(values, float).reshape(-1, 2)) for side, values in rows.items()}

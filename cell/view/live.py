@@ -25,7 +25,7 @@ OnError = Callable[[BaseException], None]
 QUEUE = 400
 """Number of entries that may wait for a slow viewer: about five seconds of a run."""
 CLOSE_S = 2.0
-PORT = 9876
+HOST, PORT = "127.0.0.1", 9876
 MEMORY = "512MiB"
 """Largest memory in which the server stores entries for viewers that connect later."""
 
@@ -33,11 +33,9 @@ MEMORY = "512MiB"
 class LiveStream:
     """Serves entries to viewers. If the queue is full, it drops entries and counts them."""
 
-    def __init__(self, application: str, run_id: str, live: bool | str, floor: float, on_error: OnError) -> None:
-        host, port = ("127.0.0.1", "") if live is True else str(live).rpartition(":")[::2]
-        self._host, self._port = host or "127.0.0.1", int(port) if port else free_port()
-        shown = "127.0.0.1" if self._host == "0.0.0.0" else self._host
-        self.url = f"rerun+http://{shown}:{self._port}/proxy"
+    def __init__(self, application: str, run_id: str, floor: float, on_error: OnError) -> None:
+        self._port = free_port()
+        self.url = f"rerun+http://{HOST}:{self._port}/proxy"
         self._identity = (application, run_id)
         self._floor = floor
         self._stream: rr.RecordingStream | None = None
@@ -58,8 +56,8 @@ class LiveStream:
     def _connect(self) -> None:
         with socket.socket() as s:  # if Rerun cannot listen, it only writes that to its log
             s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            s.bind((self._host, self._port))
-        sink = rr.GrpcServerSink(bind_ip=self._host, port=self._port, server_memory_limit=MEMORY)
+            s.bind((HOST, self._port))
+        sink = rr.GrpcServerSink(bind_ip=HOST, port=self._port, server_memory_limit=MEMORY)
         stream = begin_stream(self._identity[0], sink, layout(self._floor), self._identity[1])
         stream.send_recording_name(self._identity[1])
         self._stream = stream
@@ -79,7 +77,7 @@ def free_port(wanted: int = PORT) -> int:
     for port in (wanted, 0):
         with socket.socket() as s:
             try:
-                s.bind(("127.0.0.1", port))
+                s.bind((HOST, port))
             except OSError:
                 continue
             return int(s.getsockname()[1])

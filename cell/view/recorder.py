@@ -11,16 +11,16 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 from rerun.error_utils import catch_and_log_exceptions
 
+from foldcell.cell.record.run_record import RecordingLosses
 from foldcell.cell.states.observers import FAILING, Step
 from foldcell.cell.states.run_context import Result
 from foldcell.cell.states.transition_table import Event
@@ -34,11 +34,9 @@ from foldcell.cell.view.live import LiveStream
 from foldcell.cell.view.streams import begin_stream, drop_ended_streams
 from foldcell.robots.ports import Array, CameraFrame, GripperState, JointState, Side, TactileReading, frozen
 from foldcell.robots.robot import RobotVisual
-from foldcell.skills.perception.drawing import draw_fitting, draw_on_view
-from foldcell.skills.perception.perceive import Perception
 from foldcell.skills.vocabulary import CameraCalibration, FoldStep, GarmentState, GraspId, PredictedShape, Table
 
-__all__ = ["APPLICATION", "RecognisedGarment", "Recorder", "RecorderObserver", "RecorderReport"]
+__all__ = ["APPLICATION", "Recorder", "RecorderObserver"]
 
 K = TypeVar("K")
 
@@ -58,46 +56,17 @@ STILL = 2e-4
 Job = Callable[[], Iterable[Entry]]
 
 
-class RecognisedGarment(Protocol):
-    """The parts of a perception that the recorder needs: the garment's state and its mask."""
-
-    @property
-    def state(self) -> GarmentState: ...
-
-    @property
-    def mask(self) -> NDArray: ...
-
-
-@dataclass(frozen=True)
-class RecorderReport:
-    """Losses of a recording. dropped: number of entries that the file lacks; live_dropped: number of entries that
-    the live view lacks; errors, live_errors: distinct error messages; error_count: number of all errors."""
-
-    dropped: int = 0
-    live_dropped: int = 0
-    errors: tuple[str, ...] = ()
-    error_count: int = 0
-    live_errors: tuple[str, ...] = ()
-
-    @property
-    def complete(self) -> bool:
-        return self.dropped == 0 and self.error_count == 0
-
-
 class Recorder:
     """Records a run. Times are in seconds of the cell's clock; geometry is in the table frame [m]."""
 
-    def __init__(self, table: Table, robot: RobotVisual | None, truth: bool) -> None:
-        self._table, self._truth_on = table, truth
-        self._visual = robot
+    def __init__(self, table: Table, robot: RobotVisual | None) -> None:
+        self._table, self._visual = table, robot
         self._errors: list[str] = []
         self._live_errors: list[str] = []
-        self._error_count = 0
         self._lock = threading.Lock()
         self._file: rr.RecordingStream | None = None
         self._worker: BoundedWorker[Job] | None = None
         self._live: LiveStream | None = None
-        self._report: RecorderReport | None = None
         # used on the recorder's own thread only
         self._series = Series(None)
         self._calibration: CameraCalibration | None = None
@@ -108,21 +77,14 @@ class Recorder:
 
     @classmethod
     def open(
-        cls,
-        path: Path,
-        run_id: str,
-        table: Table,
-        live: bool | str = False,
-        robot: RobotVisual | None = None,
-        truth: bool = True,
+        cls, path: Path, run_id: str, table: Table, live: bool = False, robot: RobotVisual | None = None
     ) -> Recorder:
         """Begin the recording `path` (.rrd).
 
-        live: True serves viewers on 127.0.0.1 (see `live_url`), 'HOST:PORT' on that address. truth: whether
-        `garment_truth` is recorded. Does not raise: if the recording cannot be begun, `close` reports the error
-        and the run continues without a recording.
+        live: serve viewers on this machine (see `live_url`). Does not raise: if the recording cannot be begun,
+        `close` reports the error and the run continues without a recording.
         """
-        recorder, floor = cls(table, robot, truth), robot.floor if robot else 0.0
+        recorder, floor = cls(table, robot), robot.floor if robot else 0.0
         try:
             stream = begin_stream(APPLICATION, rr.FileSink(str(path)), layout(floor), run_id)
             stream.send_recording_name(run_id)
@@ -130,7 +92,7 @@ class Recorder:
         except Exception as error:
             recorder._note_error(error)
         if live:
-            recorder._live = LiveStream(APPLICATION, run_id, live, floor, recorder._note_live)
+            recorder._live = LiveStream(APPLICATION, run_id, floor, recorder._note_live)
         recorder._worker = BoundedWorker("recorder", recorder._work, recorder._note_error, FILE_QUEUE_BYTES)
         recorder._submit(recorder._begin, essential=True)
         return recorder
@@ -138,17 +100,15 @@ class Recorder:
     @classmethod
     def silent(cls) -> Recorder:
         """A recorder that records nothing: for tests and for runs without a recording."""
-        return cls(Table(0.0, (0.0, 1.0), (-0.5, 0.5)), None, truth=False)
+        return cls(Table(0.0, (0.0, 1.0), (-0.5, 0.5)), None)
 
     @property
     def live_url(self) -> str | None:
         """Address to which a viewer can connect; None without a live stream."""
         return self._live.url if self._live else None
 
-    def close(self) -> RecorderReport:
-        """Write the waiting entries and end the streams. Returns the losses. A second call returns the same."""
-        if self._report is not None:
-            return self._report
+    def close(self) -> RecordingLosses:
+        """Write the waiting entries and end the streams. Returns the losses, with each error message once."""
         dropped = live_dropped = 0
         if self._worker is not None:
             self._submit(self._end, essential=True)
@@ -166,10 +126,7 @@ class Recorder:
             self._file = None
             if self._live is None:  # a live viewer that hangs would delay the clean-up
                 drop_ended_streams()
-        self._report = RecorderReport(
-            dropped, live_dropped, tuple(self._errors), self._error_count, tuple(self._live_errors)
-        )
-        return self._report
+        return RecordingLosses(dropped, live_dropped, tuple(self._errors), tuple(self._live_errors))
 
     # called by the runner
 
@@ -184,11 +141,12 @@ class Recorder:
     def camera(self, t: float, frame: CameraFrame, calibration: CameraCalibration) -> None:
         self._submit(partial(self._picture_entries, t, frame, calibration), frame.nbytes)
 
-    def perception(self, t: float, seen: RecognisedGarment, overlay: NDArray | None = None) -> None:
-        """Record the recognised garment. overlay: (H, W, 3) uint8, the picture with the garment drawn on it; None:
-        the recorder draws it."""
-        cost = 1e5 + (0 if overlay is None else overlay.nbytes)
-        self._submit(partial(self._perception_entries, t, seen, overlay), cost)
+    def perception(
+        self, t: float, state: GarmentState, mask: NDArray, overlay: NDArray, fitting: Callable[[], NDArray]
+    ) -> None:
+        """Record the recognised garment. overlay: (H, W, 3) uint8, the picture with the garment drawn on it;
+        fitting: draws another picture, which shows how it was fitted."""
+        self._submit(partial(self._perception_entries, t, state, mask, overlay, fitting), 1e5 + overlay.nbytes)
 
     def plan(self, t: float, step: FoldStep) -> None:
         """Record the step that begins, and clear the drawings of the previous step."""
@@ -239,8 +197,7 @@ class Recorder:
 
     def garment_truth(self, t: float, vertices: Array, triangles: NDArray) -> None:
         """Record the simulated garment itself, labelled as truth. vertices (n, 3), triangles (m, 3)."""
-        if self._truth_on:
-            self._submit(partial(self._truth_entries, t, frozen(vertices), triangles), vertices.nbytes)
+        self._submit(partial(self._truth_entries, t, frozen(vertices), triangles), vertices.nbytes)
 
     # on the recorder's own thread
 
@@ -285,16 +242,15 @@ class Recorder:
         self._calibration, self._picture = calibration, frame.rgb.shape[:2]
         yield from scene.camera_entries(t, frame, calibration)
 
-    def _perception_entries(self, t: float, seen: RecognisedGarment, overlay: NDArray | None) -> Iterable[Entry]:
-        yield from scene.perception_entries(t, seen.state)
+    def _perception_entries(
+        self, t: float, state: GarmentState, mask: NDArray, overlay: NDArray, fitting: Callable[[], NDArray]
+    ) -> Iterable[Entry]:
+        yield from scene.perception_entries(t, state)
         if self._calibration is not None and self._picture is not None:
-            yield from scene.mask_entries(t, seen.mask, self._calibration, self._table, self._picture)
-        if isinstance(seen, Perception):
-            yield Log("perception/fitting", t, (scene.jpeg(draw_fitting(seen)),))
-            overlay = draw_on_view(seen) if overlay is None else overlay
-        if overlay is not None:
-            yield Log("perception/overlay", t, (scene.jpeg(overlay),))
-        yield Log("perception/confidence", t, (rr.Scalars(seen.state.confidence),))
+            yield from scene.mask_entries(t, mask, self._calibration, self._table, self._picture)
+        yield Log("perception/fitting", t, (scene.jpeg(fitting()),))
+        yield Log("perception/overlay", t, (scene.jpeg(overlay),))
+        yield Log("perception/confidence", t, (rr.Scalars(state.confidence),))
 
     def _truth_entries(self, t: float, vertices: Array, triangles: NDArray) -> Iterable[Entry]:
         """Return entries at TRUTH_RATE at most, and only while the garment moves, because they fill most of the
@@ -311,7 +267,6 @@ class Recorder:
 
     def _note_error(self, error: BaseException) -> None:
         with self._lock:
-            self._error_count += 1
             _note(self._errors, error)
 
     def _note_live(self, error: BaseException) -> None:

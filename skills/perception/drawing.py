@@ -14,7 +14,7 @@ from foldcell.skills.perception.perceive import Perception
 from foldcell.skills.perception.rectification.table_view import TableView
 from foldcell.skills.perception.segmentation.mask import Segmentation
 
-__all__ = ["draw_fitting", "draw_on_camera", "draw_on_view", "draw_overlay", "draw_region"]
+__all__ = ["draw_fitting", "draw_on_camera", "draw_overlay", "draw_region"]
 
 _TINT = (60, 160, 255)
 _CONTOUR = (40, 220, 90)
@@ -54,18 +54,6 @@ def draw_overlay(
     if title:
         _text(out, title, (8, 20), 0.55)
     return out
-
-
-def draw_on_view(perception: Perception) -> NDArray[np.uint8]:
-    """Draw the perception over its rectified picture; the result is (H, W, 3)."""
-    view, state = perception.view, perception.state
-    return draw_overlay(
-        perception.rgb,
-        perception.mask,
-        view.to_pixel(state.contour),
-        {name: view.to_pixel(p) for name, p in state.keypoints.items()},
-        _title(perception),
-    )
 
 
 def draw_on_camera(perception: Perception, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -7,12 +7,12 @@ reports of the runs.
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
+import numpy as np
 
 from foldcell.cell.campaigns.page.charts import rate_chart, strip_chart
 from foldcell.cell.campaigns.results import CampaignResults
@@ -20,6 +20,7 @@ from foldcell.cell.campaigns.statistics.summary import ALL
 from foldcell.cell.campaigns.trials.store import CampaignFolder
 from foldcell.cell.campaigns.trials.trial import Trial
 from foldcell.cell.record.words import difference, figure, garment_name, length, percent, plain, seconds
+from foldcell.cell.support.files.encoded_picture import data_uri, jpeg_file, shrunk
 from foldcell.cell.support.files.html_page import page_template
 
 __all__ = ["PAGE", "campaign_page"]
@@ -96,11 +97,9 @@ def _values(
 
 def _thumbnail(folder: CampaignFolder, trial: Trial) -> str:
     run = folder.run_folder(trial)
-    picture = cv2.imread(str(run / "last.jpg")) if run and (run / "last.jpg").is_file() else None
+    if run is None or not (run / "last.jpg").is_file():
+        return ""
+    picture = cv2.imread(str(run / "last.jpg"), cv2.IMREAD_COLOR_RGB)
     if picture is None:
         return ""
-    size = (THUMBNAIL, round(picture.shape[0] * THUMBNAIL / picture.shape[1]))
-    ok, data = cv2.imencode(
-        ".jpg", cv2.resize(picture, size, interpolation=cv2.INTER_AREA), [cv2.IMWRITE_JPEG_QUALITY, 80]
-    )
-    return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode("ascii") if ok else ""
+    return data_uri(jpeg_file(shrunk(np.asarray(picture, np.uint8), THUMBNAIL), 80), "jpeg")

@@ -15,11 +15,12 @@ import numpy as np
 from foldcell.calibration.shear import clip_and_lowest
 from foldcell.cell.commands.options import Commands, add_command, cell_option, page_options
 from foldcell.cell.commands.output import answer
-from foldcell.cell.commands.skill.perceive import look_at, write_overlay, write_picture, write_refused
+from foldcell.cell.commands.skill.perceive import look_at, write_refused
 from foldcell.cell.config.cell_settings import CellSettings, load_settings
 from foldcell.cell.config.garments.garment_file import load_garment
 from foldcell.cell.config.garments.key_points_file import read_checked_key_points
 from foldcell.cell.hardware.photograph import Photograph, picture_measure, read_photograph
+from foldcell.cell.support.files.encoded_picture import write_png
 from foldcell.cell.support.files.own_file import PNG_MARK, refuse_foreign
 from foldcell.cell.support.files.whole_file import refuse_unwritable
 from foldcell.robots.errors import ConfigurationError
@@ -27,7 +28,7 @@ from foldcell.robots.ports import Array
 from foldcell.skills.garments.garment import Garment
 from foldcell.skills.garments.key_point_check import KeyPointFinding
 from foldcell.skills.garments.picture_measure import PictureMeasure
-from foldcell.skills.perception.drawing import draw_overlay
+from foldcell.skills.perception.drawing import draw_on_camera, draw_overlay
 
 __all__ = ["add_options", "run"]
 
@@ -102,7 +103,7 @@ def run(options: argparse.Namespace) -> int:
         ]
         return answer(options, figures, lines, 2)
     perception = look.outcome.unwrap()
-    write_overlay(overlay, perception, look.frame)
+    write_png(overlay, draw_on_camera(perception, look.frame.rgb))
     points = np.array([perception.state.keypoints[name] for name in like.keypoints])
     template = _write(options, settings, points, pair, f"({_scaled(options, like, pair)})")
     found = {"recognised": True, "confidence": perception.state.confidence}
@@ -161,7 +162,7 @@ def _by_hand(
     the template (k, 2) [m]."""
     overlay = _points_picture(_output(options))
     named = dict(zip(like.keypoints, pixels, strict=True))
-    write_picture(overlay, draw_overlay(photograph.rgb, None, pixels, named, f"{_title(options)}, by hand"))
+    write_png(overlay, draw_overlay(photograph.rgb, None, pixels, named, f"{_title(options)}, by hand"))
     how = f"by hand ({_scaled(options, like, measure.measured)})"
     return overlay, _write(options, settings, measure.to_laid(pixels), measure.measured, how)
 

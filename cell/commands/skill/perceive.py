@@ -8,16 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
-from numpy.typing import NDArray
-
 from foldcell.cell.commands.options import cell_option
 from foldcell.cell.commands.output import answer
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.hardware.photograph import in_unit, perceive_photograph, read_photograph
-from foldcell.cell.support.files.own_file import PNG_MARK, marked_png, refuse_foreign
-from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.cell.support.files.encoded_picture import write_png
+from foldcell.cell.support.files.own_file import PNG_MARK, refuse_foreign
 from foldcell.robots.errors import ConfigurationError, Failure
 from foldcell.robots.ports import Array, CameraFrame
 from foldcell.skills.perception.drawing import draw_on_camera, draw_overlay, draw_region
@@ -26,7 +22,7 @@ from foldcell.skills.perception.rectification.table_view import TableView
 from foldcell.skills.perception.segmentation.mask import Segmentation
 from foldcell.skills.vocabulary import Outcome
 
-__all__ = ["Look", "add_options", "look_at", "run", "write_overlay", "write_picture", "write_refused"]
+__all__ = ["Look", "add_options", "look_at", "run", "write_refused"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +70,7 @@ def run(options: argparse.Namespace) -> int:
         lines = [f"not recognised: {failure}", f"overlay  {output}   ({look.shows})"]
         return answer(options, figures, lines, 2)
     perception = look.outcome.unwrap()
-    write_overlay(output, perception, look.frame)
+    write_png(output, draw_on_camera(perception, look.frame.rgb))
     figures = {**_figures(options.image, perception, output, options.unit), "notes": notes}
     return answer(options, figures, _lines(perception, output, options.unit))
 
@@ -108,30 +104,15 @@ def _check_reference(options: argparse.Namespace) -> None:
         )
 
 
-def write_overlay(path: Path, perception: Perception, frame: CameraFrame) -> None:
-    """Write the picture with the recognised garment drawn over it. Raises StorageError."""
-    write_picture(path, draw_on_camera(perception, frame.rgb))
-
-
 def write_refused(path: Path, look: Look) -> None:
     """Write the refused picture. The region that was taken for the garment and the kind of the refusal are drawn
     over it. Raises StorageError."""
     assert look.outcome.failure is not None
     title = f"refused: {str(look.outcome.failure.kind).replace('_', ' ')}"
     if look.region is None:
-        write_picture(path, draw_overlay(look.frame.rgb, title=title))
+        write_png(path, draw_overlay(look.frame.rgb, title=title))
     else:
-        write_picture(path, draw_region(*look.region, look.frame.rgb, title))
-
-
-def write_picture(path: Path, rgb: NDArray[np.uint8]) -> None:
-    """Write a picture (H, W, 3) RGB as a PNG. Raises StorageError, and ConfigurationError if a picture that
-    foldcell did not draw has this path."""
-    refuse_foreign(path, PNG_MARK)
-    done, png = cv2.imencode(".png", rgb[:, :, ::-1])
-    if not done:
-        raise AssertionError("the overlay could not be encoded")
-    write_whole(path, marked_png(png.tobytes()))
+        write_png(path, draw_region(*look.region, look.frame.rgb, title))
 
 
 def _refused(image: Path, overlay: Path, unit: str, failure: Failure) -> dict[str, Any]:

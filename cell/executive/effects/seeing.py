@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 from foldcell.cell.control.checks import fresh_state
 from foldcell.cell.executive.effects.inspecting import find_folded
@@ -14,7 +15,7 @@ from foldcell.cell.states.transition_table import Event
 from foldcell.robots.errors import Failure, FailureKind
 from foldcell.robots.ports import CameraFrame
 from foldcell.skills.perception.camera_fault import camera_fault, picture_digests, repeated
-from foldcell.skills.perception.drawing import draw_on_camera
+from foldcell.skills.perception.drawing import draw_fitting, draw_on_camera
 from foldcell.skills.perception.inspection.height_expectation import estimate_camera_bias
 from foldcell.skills.perception.perceive import Perception, perceive
 from foldcell.skills.perception.rectification.camera_refinement import refine_calibration, tilted_table
@@ -154,7 +155,8 @@ def recognise(cell: Workcell, context: RunContext, frame: CameraFrame) -> Result
     context.require(not_spread(context, perception))
     state = perception.state
     overlay = draw_on_camera(perception, frame.rgb)
-    cell.recorder.perception(cell.ports.clock.now(), perception, overlay)
+    fitting = partial(draw_fitting, perception)
+    cell.recorder.perception(cell.ports.clock.now(), state, perception.mask, overlay, fitting)
     record: dict[str, object] = {
         "garment": perception.garment,
         "category": state.category,

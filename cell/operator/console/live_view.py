@@ -21,13 +21,13 @@ import numpy as np
 from foldcell.cell.operator.console.messages import PlanChange
 from foldcell.cell.operator.console.plan_changes import offered_changes, plan_edit
 from foldcell.cell.report.camera_pictures.live_picture import draw_live
-from foldcell.cell.report.camera_pictures.projected_drawing import jpeg_file
 from foldcell.cell.report.camera_pictures.question_picture import QUESTIONS
 from foldcell.cell.simulation import Display
 from foldcell.cell.states.observers import Step
 from foldcell.cell.states.plan_edit import PlanEdit
 from foldcell.cell.states.run_context import Result, RunContext
 from foldcell.cell.states.transition_table import State
+from foldcell.cell.support.files.encoded_picture import jpeg_file
 from foldcell.cell.support.forwarding import forwarding
 from foldcell.cell.view.bounded_worker import BoundedWorker
 from foldcell.robots.errors import DriverError

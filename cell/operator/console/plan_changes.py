@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from foldcell.cell.operator.console.messages import PlanChange
-from foldcell.cell.report.camera_pictures.picture_places import on_picture, on_table
 from foldcell.cell.states.plan_edit import PlanEdit
 from foldcell.cell.states.run_context import RunContext
+from foldcell.robots.ports import Array
 from foldcell.skills.vocabulary import CameraCalibration, GraspId
 
-__all__ = ["offered_changes", "plan_edit"]
+__all__ = ["offered_changes", "on_picture", "on_table", "plan_edit"]
 
 KEYPOINT, GRASP = "keypoint", "grasp"
 
@@ -49,3 +49,24 @@ def plan_edit(change: PlanChange, calibration: CameraCalibration, by: str) -> Pl
     if change.grasp is not None:
         return PlanEdit(by, grasps={GraspId(change.grasp): point})
     return PlanEdit(by, keypoints={change.keypoint: point}) if change.keypoint is not None else None
+
+
+def on_picture(points: Array, calibration: CameraCalibration) -> Array:
+    """Return the places (n, 2) of points (n, 2) on the table [m], as shares (0..1) of the picture's width and
+    height."""
+    k, T = calibration.intrinsics, np.linalg.inv(calibration.T_table_camera)
+    seen = np.column_stack([points, np.zeros(len(points))]) @ T[:3, :3].T + T[:3, 3]
+    pixels = np.array([k.fx, k.fy]) * seen[:, :2] / seen[:, 2:] + np.array([k.cx, k.cy])
+    return np.asarray((pixels + 0.5) / np.array([k.width, k.height]))
+
+
+def on_table(place: tuple[float, float], calibration: CameraCalibration) -> tuple[float, float] | None:
+    """Return the point (x, y) of the table [m] at a place of the picture: the inverse of `on_picture`. None if the
+    ray does not meet the table."""
+    k, T = calibration.intrinsics, calibration.T_table_camera
+    u, v = place[0] * k.width - 0.5, place[1] * k.height - 0.5
+    ray = T[:3, :3] @ np.array([(u - k.cx) / k.fx, (v - k.cy) / k.fy, 1.0])
+    if ray[2] >= 0.0:
+        return None
+    point = T[:3, 3] - T[2, 3] / ray[2] * ray
+    return float(point[0]), float(point[1])

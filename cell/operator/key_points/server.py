@@ -23,7 +23,7 @@ from starlette.routing import Route
 
 from foldcell.cell.operator.key_points.editing import KeyPointEdit
 from foldcell.cell.operator.local_server import origins, served
-from foldcell.cell.report.camera_pictures.projected_drawing import jpeg_file
+from foldcell.cell.support.files.encoded_picture import jpeg_file
 from foldcell.cell.support.files.html_page import read_page
 from foldcell.cell.support.json_values import to_json
 from foldcell.robots.errors import ConfigurationError, StorageError

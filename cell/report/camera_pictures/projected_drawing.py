@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from foldcell.robots.ports import Array, CameraFrame
 from foldcell.skills.vocabulary import CameraCalibration
 
-__all__ = ["Colour", "Picture", "ProjectedDrawing", "jpeg_file"]
+__all__ = ["Colour", "Picture", "ProjectedDrawing", "dashed"]
 
 Picture = NDArray[np.uint8]
 Colour = tuple[int, int, int]
@@ -20,7 +20,6 @@ SCALE = 2.0
 """Pictures that stay are enlarged by this factor, so that lines and words are legible from two metres."""
 NEAREST = 0.05
 """Points nearer to the camera than this are not drawn [m]."""
-JPEG_QUALITY = 88
 DARK, WHITE = (18, 20, 24), (255, 255, 255)
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 _FRACTION = 4
@@ -58,14 +57,7 @@ class ProjectedDrawing:
         self, points: Array, colour: Colour, width: int = 3, dash: float = 0.012, closed: bool = False
     ) -> None:
         """Draw a dashed line; dash: length of a dash and of a gap [m]."""
-        points = np.asarray(points, dtype=np.float64)
-        if closed:
-            points = np.vstack([points, points[:1]])
-        step = np.linalg.norm(np.diff(points, axis=0), axis=1)
-        s = np.concatenate([[0.0], np.cumsum(step)])
-        starts = np.arange(0.0, s[-1], 2.0 * dash)
-        at = [np.unique(np.clip([a, *s[(s > a) & (s < a + dash)], a + dash], 0.0, s[-1])) for a in starts]
-        self._lines([np.column_stack([np.interp(a, s, c) for c in points.T]) for a in at], colour, width, False)
+        self._lines(dashed(np.vstack([points, points[:1]]) if closed else points, dash), colour, width, False)
 
     def dot(self, point: Array, colour: Colour, radius: int = 9) -> None:
         p = self.pixels(point)[0]
@@ -127,7 +119,9 @@ class ProjectedDrawing:
         cv2.putText(self.picture, text, (x, y), _FONT, size, colour, weight, cv2.LINE_AA)
 
 
-def jpeg_file(picture: Picture, quality: int = JPEG_QUALITY) -> bytes:
-    """Return the content of a JPEG file of a picture (h, w, 3) in RGB. quality: 0 to 100."""
-    bgr = cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
-    return bytes(cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])[1])
+def dashed(line: Array, dash: float) -> list[Array]:
+    """Return the dashes [(k, 2 or 3), ...] of a line (n, 2 or 3) [m]. dash: length of a dash and of a gap [m]."""
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    starts = np.arange(0.0, s[-1], 2.0 * dash)
+    at = [np.unique(np.clip([a, *s[(s > a) & (s < a + dash)], a + dash], 0.0, s[-1])) for a in starts]
+    return [np.column_stack([np.interp(a, s, c) for c in line.T]) for a in at]

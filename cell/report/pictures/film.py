@@ -1,22 +1,33 @@
-"""Short films: pictures with captions and durations, as an animated WebP."""
+"""Films: pictures with captions and durations as an animated WebP, and the film of a run: the garment before, the
+folds as drawn or as seen by the camera, and the last picture."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["FilmFrame", "captioned", "encode_film"]
+from foldcell.cell.report.camera_pictures.projected_drawing import Picture
+from foldcell.cell.report.pictures.fold_pictures import KeyFrame, Scenery, View, fold_strip
+from foldcell.cell.report.pictures.recorded_holds import TrueFrame, spread
 
-Picture = NDArray[np.uint8]
+__all__ = ["CaptionedPicture", "DrawnHold", "FilmFrame", "captioned", "draw_hold", "encode_film", "film_file"]
 
 CAPTION = 26
 """Height of the strip for the caption below a picture [px]."""
 QUALITY = 60
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
+SIZE = 480, 360
+"""Width and height of drawn pictures [px]."""
+FRAMES = 60
+"""Largest number of drawn pictures in a film."""
+SPEED = 2.0
+"""The film is faster than the cell by this factor."""
+SHORTEST_MS, LONGEST_MS = 40, 250
+FIRST_MS, LAST_MS, STILL_MS, END_OF_HOLD_MS = 1200, 2500, 600, 700
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,3 +56,61 @@ def encode_film(frames: Sequence[FilmFrame], quality: int = QUALITY) -> bytes:
     if not ok:
         raise ValueError(f"a film of {len(frames)} frames cannot be encoded")
     return bytes(data.tobytes())
+
+
+@dataclass(frozen=True, eq=False)
+class CaptionedPicture:
+    """A picture (H, W, 3) and its caption."""
+
+    rgb: Picture
+    caption: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnHold:
+    """One attempt at a fold, drawn from the recorded garment: cell times [s] and pictures (H, W, 3)."""
+
+    name: str
+    times: tuple[float, ...]
+    pictures: tuple[Picture, ...]
+
+
+def draw_hold(
+    name: str,
+    hold: Sequence[TrueFrame],
+    share: float,
+    triangles: NDArray[np.integer],
+    view: View,
+    scenery: Scenery,
+) -> DrawnHold:
+    """Draw a hold. share: the hold's part of all recorded frames, and so of the film (0..1)."""
+    chosen = [hold[i] for i in spread(len(hold), max(6, round(FRAMES * share)))]
+    frames = [KeyFrame(vertices, tools) for _, vertices, tools in chosen]
+    pictures = fold_strip(frames, triangles, size=SIZE, scenery=scenery, view=view)
+    return DrawnHold(name, tuple(t for t, *_ in chosen), tuple(pictures))
+
+
+def film_file(
+    before: CaptionedPicture | None,
+    holds: Sequence[DrawnHold],
+    stills: Sequence[CaptionedPicture],
+    after: CaptionedPicture | None,
+) -> bytes:
+    """Return the film as the file of an animated WebP; empty if nothing moved. stills: the camera's pictures of
+    the folds, which are shown if no hold was recorded."""
+    if not holds and not stills:
+        return b""
+    frames = [FilmFrame(captioned(before.rgb, before.caption, SIZE), FIRST_MS)] if before else []
+    if holds:
+        frames += [frame for hold in holds for frame in _moving(hold)]
+    else:
+        frames += [FilmFrame(captioned(s.rgb, s.caption, SIZE), STILL_MS) for s in stills]
+    if after:
+        frames.append(FilmFrame(captioned(after.rgb, after.caption, SIZE), LAST_MS))
+    return encode_film(frames)
+
+
+def _moving(hold: DrawnHold) -> Iterator[FilmFrame]:
+    waits = np.clip(1e3 * np.diff(hold.times) / SPEED, SHORTEST_MS, LONGEST_MS)
+    for t, picture, wait in zip(hold.times, hold.pictures, [*waits, END_OF_HOLD_MS], strict=True):
+        yield FilmFrame(captioned(picture, f"{t:.1f} s   {hold.name} (drawn)", SIZE), round(wait))

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from foldcell.cell.report.camera_pictures.projected_drawing import Colour, Picture, dashed
 from foldcell.cell.report.pictures.cloth_raster import (
     darken,
     draw_cloth,
@@ -30,8 +31,6 @@ __all__ = [
     "fold_strip", "join", "motion_view",
 ]  # fmt: skip
 
-Picture = NDArray[np.uint8]
-Colour = tuple[int, int, int]
 
 FRONT, BACK = (196, 84, 92), (231, 178, 170)
 TABLE_COLOUR, FLOOR_COLOUR = (203, 184, 158), (238, 239, 241)
@@ -162,7 +161,7 @@ def fold_strip(
     scenery = scenery or Scenery(table, arcs)
     view = view or motion_view(frames, scenery.arcs, size)
     background = _background(view.scaled(SUPERSAMPLE), scenery)
-    dashes = [] if scenery.tape is None else _dashes(scenery.tape)
+    dashes = [] if scenery.tape is None else dashed(_closed(scenery.tape), DASH)
     with ThreadPoolExecutor(WORKERS) as workers:
         return list(workers.map(lambda f: _draw(f, triangles, view, scenery, background, dashes), frames))
 
@@ -187,9 +186,8 @@ def _background(view: View, scenery: Scenery) -> Picture:
     if scenery.table is not None:
         _table(canvas, view, scenery.table)
     if scenery.tape is not None:
-        closed = np.vstack([scenery.tape, scenery.tape[:1]])
-        _lines(canvas, view, [closed], TAPE_RIM, 3 * SUPERSAMPLE)
-        _lines(canvas, view, [closed], TAPE, 2 * SUPERSAMPLE)
+        for colour, width in ((TAPE_RIM, 3), (TAPE, 2)):
+            _lines(canvas, view, [_closed(scenery.tape)], colour, width * SUPERSAMPLE)
     return canvas
 
 
@@ -252,15 +250,8 @@ def _cloth(
         draw_cloth(canvas[part], tone, front, np.array(colours.front, float), np.array(colours.back, float))
 
 
-def _dashes(tape: Array) -> list[Array]:
-    """Return the dashes [(k, 2), ...] of a closed line (n, 2) [m]."""
-    points = np.vstack([tape, tape[:1]])
-    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    dashes = []
-    for start in np.arange(0.0, s[-1], 2.0 * DASH):
-        at = np.unique(np.clip([start, *s[(s > start) & (s < start + DASH)], start + DASH], 0.0, s[-1]))
-        dashes.append(np.column_stack([np.interp(at, s, c) for c in points.T]))
-    return dashes
+def _closed(line: Array) -> Array:
+    return np.vstack([line, line[:1]])
 
 
 def _lines(picture: Picture, view: View, paths: Sequence[Array], colour: Colour, width: int) -> None:

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from foldcell.cell.record.words import plain
+from foldcell.cell.report.pictures.film import SIZE, CaptionedPicture, DrawnHold, draw_hold, film_file
 from foldcell.cell.report.pictures.fold_pictures import KeyFrame, Scenery, View, motion_view
 from foldcell.cell.report.pictures.garment_look import GarmentLook, garment_look, outlined
 from foldcell.cell.report.pictures.recorded_holds import TrueFrame, held_during, holds
-from foldcell.cell.report.pictures.run_film import SIZE, DrawnHold, Still, draw_hold, film_file
 from foldcell.cell.states.run_context import RunContext
 from foldcell.cell.states.stages import FoldNote
 from foldcell.robots.ports import Array, CameraFrame
@@ -88,15 +88,17 @@ def film_of_run(
     recognised, last = context.recognition, context.sight.frame
     ending = f"the last picture: {plain(state)}"
     stills = [
-        Still(drawing.seen(f), f"{f.stamp:.1f} s   {note.name}")
+        CaptionedPicture(drawing.seen(f), f"{f.stamp:.1f} s   {note.name}")
         for note in ([] if drawn else notes.values())
         for f in note.attempt.pictures
     ]
     return film_file(
-        Still(np.asarray(recognised.overlay, np.uint8), "the garment as it was laid") if recognised else None,
+        CaptionedPicture(np.asarray(recognised.overlay, np.uint8), "the garment as it was laid")
+        if recognised
+        else None,
         list(drawn.values()),
         stills,
-        Still(drawing.seen(last), f"{last.stamp:.1f} s   {ending}") if last else None,
+        CaptionedPicture(drawing.seen(last), f"{last.stamp:.1f} s   {ending}") if last else None,
     )
 
 

@@ -15,6 +15,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from foldcell.cell.states.transition_table import State
+from foldcell.cell.support.files.encoded_picture import jpeg_file
 from foldcell.cell.view.entries import style
 from foldcell.cell.view.entries.entry import Entry, Log
 from foldcell.robots.ports import Array, CameraFrame, Side, arm_slice
@@ -108,11 +109,7 @@ def log_entries(t: float, text: str, level: str) -> list[Entry]:
 
 def jpeg(rgb: NDArray) -> rr.EncodedImage:
     """Encode a picture (H, W, 3) uint8 as a JPEG archetype."""
-    bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
-    ok, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-    if not ok:
-        raise ValueError("a picture could not be encoded")
-    return rr.EncodedImage(contents=data.tobytes(), media_type="image/jpeg")
+    return rr.EncodedImage(contents=jpeg_file(rgb, JPEG_QUALITY), media_type="image/jpeg")
 
 
 def camera_entries(t: float, frame: CameraFrame, calibration: CameraCalibration) -> list[Entry]:
@@ -125,9 +122,7 @@ def camera_entries(t: float, frame: CameraFrame, calibration: CameraCalibration)
     )  # fmt: skip
     pose = rr.Transform3D(translation=T[:3, 3], mat3x3=T[:3, :3])
     millimetres = np.nan_to_num(frame.depth * 1000.0, nan=0.0).clip(0, 65535).astype(np.uint16)
-    ok, png = cv2.imencode(".png", millimetres, [cv2.IMWRITE_PNG_COMPRESSION, 4])
-    if not ok:
-        raise ValueError(f"depth of picture {frame.sequence} could not be encoded")
+    _, png = cv2.imencode(".png", millimetres, [cv2.IMWRITE_PNG_COMPRESSION, 4])
     depth = rr.EncodedDepthImage(png.tobytes(), media_type="image/png", meter=1000.0)
     stale = (f"{CAMERA}/mask", f"{TABLE}/perceived", f"{TABLE}/observed", f"{TABLE}/estimated")
     return [
@@ -149,9 +144,7 @@ def mask_entries(
         mask = cv2.warpPerspective(mask.astype(np.uint8), view.homography, size, flags=cv2.INTER_NEAREST)
     rgba = np.zeros((*shape, 4), dtype=np.uint8)
     rgba[mask.astype(bool)] = (*style.MASK, 90)
-    ok, png = cv2.imencode(".png", cv2.cvtColor(rgba, cv2.COLOR_RGBA2BGRA), [cv2.IMWRITE_PNG_COMPRESSION, 9])
-    if not ok:
-        raise ValueError("the mask could not be encoded")
+    _, png = cv2.imencode(".png", cv2.cvtColor(rgba, cv2.COLOR_RGBA2BGRA), [cv2.IMWRITE_PNG_COMPRESSION, 9])
     tint = rr.EncodedImage(contents=png.tobytes(), media_type="image/png", draw_order=10.0)
     return [Log(f"{CAMERA}/mask", t, (tint,))]
 

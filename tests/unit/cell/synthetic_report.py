@@ -7,7 +7,8 @@ import numpy as np
 import synthetic_run as show
 
 from foldcell.cell.record.run_record import FoldRecord, GraspRecord, RunEvent, RunRecord
-from foldcell.cell.report.page import FoldPictures, Picture, ReportPictures
+from foldcell.cell.report.page import FoldPictures, ReportPictures
+from foldcell.cell.report.pictures.film import CaptionedPicture
 from foldcell.cell.report.pictures.fold_pictures import KeyFrame, fold_strip
 from foldcell.robots.errors import FailureKind
 from foldcell.skills.fold_figures.outline import outline
@@ -72,10 +73,12 @@ def report_pictures() -> ReportPictures:
         vertices = frames[-1].vertices
         predicted = outline(vertices, towel.triangles)
         folds[step.name] = FoldPictures(
-            tuple(Picture(p, f.caption) for p, f in zip(pictures, frames, strict=True)),
+            tuple(CaptionedPicture(p, f.caption) for p, f in zip(pictures, frames, strict=True)),
             "drawn from the recorded garment (simulation)",
             {"predicted": predicted, "observed": [c + np.array([0.004, -0.006]) for c in predicted]},
         )
     after = show.picture(vertices, towel, 2, 30.0).rgb
-    recognised = Picture(cv2.GaussianBlur(before, (5, 5), 0), "Recognised: towel, confidence 0.97")
-    return ReportPictures(folds, (Picture(before, "Before"), recognised, Picture(after, "After")))
+    recognised = CaptionedPicture(cv2.GaussianBlur(before, (5, 5), 0), "Recognised: towel, confidence 0.97")
+    return ReportPictures(
+        folds, (CaptionedPicture(before, "Before"), recognised, CaptionedPicture(after, "After"))
+    )

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from foldcell.cell.record.run_record import RecordingLosses
 from foldcell.cell.states.transition_table import State
-from foldcell.cell.view.recorder import Recorder, RecorderReport
+from foldcell.cell.view.recorder import Recorder
 from foldcell.robots.baxter.robot import load_model
 from foldcell.robots.ports import Array, CameraFrame, GripperState, Intrinsics, JointState, Side, TactileReading
 from foldcell.skills.motion.kinematics.ik import solve_seeds
@@ -127,12 +128,6 @@ def silhouette(uv: Array, triangles: np.ndarray, shape: tuple[int, int]) -> np.n
     return mask.astype(bool)
 
 
-@dataclass(frozen=True, eq=False)
-class Seen:
-    state: GarmentState
-    mask: np.ndarray
-
-
 class Puppet:
     """Joint angles that bring the tools to the places of the synthetic run."""
 
@@ -225,7 +220,7 @@ class _Show:
         frame = self.look(State.LOOKING)
         self.state(State.RECOGNISING)
         self.wait(1.0)
-        self.r.perception(self.t, seen(frame))
+        self.r.perception(self.t, *seen(frame), frame.rgb, lambda: frame.rgb)
         self.state(State.PLANNING)
         self.wait(0.3)
 
@@ -285,7 +280,7 @@ class _Show:
         return q
 
 
-def seen(frame: CameraFrame) -> Seen:
+def seen(frame: CameraFrame) -> tuple[GarmentState, np.ndarray]:
     """The towel before the first fold."""
     corners = {
         "near_left": (0.4, 0.3), "near_right": (0.4, -0.3), "far_right": (0.8, -0.3), "far_left": (0.8, 0.3)
@@ -293,11 +288,11 @@ def seen(frame: CameraFrame) -> Seen:
     keypoints = {k: np.array(v) for k, v in corners.items()}
     contour = np.array([corners[k] for k in ("near_right", "far_right", "far_left", "near_left")])
     mask = (frame.rgb[:, :, 2] > frame.rgb[:, :, 0]) & (frame.rgb[:, :, 2] > 120)
-    return Seen(GarmentState("towel", contour, keypoints, 0.97), mask)
+    return GarmentState("towel", contour, keypoints, 0.97), mask
 
 
-def record(path, live=False, robot=None, truth=True, folds=2) -> RecorderReport:  # type: ignore[no-untyped-def]
+def record(path, live=False, robot=None, folds=2) -> RecordingLosses:  # type: ignore[no-untyped-def]
     """A complete recording of the synthetic run."""
-    recorder = Recorder.open(path, "synthetic", TABLE, live=live, robot=robot, truth=truth)
+    recorder = Recorder.open(path, "synthetic", TABLE, live=live, robot=robot)
     play(recorder, folds)
     return recorder.close()

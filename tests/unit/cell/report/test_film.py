@@ -9,10 +9,20 @@ import pytest
 import synthetic_run as show
 from PIL import Image
 
-from foldcell.cell.report.pictures.film import CAPTION, FilmFrame, captioned, encode_film
+from foldcell.cell.report.pictures.film import (
+    CAPTION,
+    FRAMES,
+    SIZE,
+    SPEED,
+    CaptionedPicture,
+    FilmFrame,
+    captioned,
+    draw_hold,
+    encode_film,
+    film_file,
+)
 from foldcell.cell.report.pictures.fold_pictures import KeyFrame, Scenery, motion_view
 from foldcell.cell.report.pictures.recorded_holds import TrueFrame, holds, spread
-from foldcell.cell.report.pictures.run_film import FRAMES, SIZE, SPEED, Still, draw_hold, film_file
 
 
 def decoded(film: bytes) -> tuple[list[np.ndarray], list[int]]:
@@ -66,7 +76,10 @@ def test_the_film_shows_the_run_at_its_speed_between_the_first_and_the_last_pict
     ]
     assert [len(hold.pictures) for hold in drawn] == [FRAMES // 2, FRAMES // 2]
     assert [hold.times[0] for hold in drawn] == [3.0, 15.0]
-    before, after = Still(plain((90, 60, 30), SIZE), "before"), Still(plain((30, 60, 90), SIZE), "after")
+    before, after = (
+        CaptionedPicture(plain((90, 60, 30), SIZE), "before"),
+        CaptionedPicture(plain((30, 60, 90), SIZE), "after"),
+    )
     pictures, durations = decoded(film_file(before, drawn, [], after))
     assert len(pictures) == FRAMES + 2
     assert np.abs(pictures[0][: SIZE[1]].astype(int) - (90, 60, 30)).mean() < 6.0
@@ -76,10 +89,10 @@ def test_the_film_shows_the_run_at_its_speed_between_the_first_and_the_last_pict
 
 
 def test_without_recorded_garment_the_film_shows_the_camera_and_without_both_there_is_none() -> None:
-    stills = [Still(plain((40 * k, 90, 90), (640, 480)), f"{k} s") for k in range(4)]
+    stills = [CaptionedPicture(plain((40 * k, 90, 90), (640, 480)), f"{k} s") for k in range(4)]
     pictures, _ = decoded(film_file(None, [], stills, None))
     assert len(pictures) == 4
-    still = Still(plain((1, 2, 3)), "the table")
+    still = CaptionedPicture(plain((1, 2, 3)), "the table")
     assert film_file(still, [], [], still) == b"", "nothing moved"
 
 

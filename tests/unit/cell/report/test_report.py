@@ -27,8 +27,8 @@ from foldcell.cell.record.run_record import (
     RunRecord,
 )
 from foldcell.cell.record.words import verdict
-from foldcell.cell.report.page import Picture, ReportPictures, render
-from foldcell.cell.report.pictures.film import FilmFrame, encode_film
+from foldcell.cell.report.page import ReportPictures, render
+from foldcell.cell.report.pictures.film import CaptionedPicture, FilmFrame, encode_film
 from foldcell.cell.report.pictures.fold_pictures import BACK, FRONT, KeyFrame, View, draw_frame, fold_strip, join
 from foldcell.cell.report.pictures.outline_drawing import outline_drawing
 from foldcell.cell.report.pictures.recorded_holds import held_during
@@ -263,7 +263,7 @@ def test_a_fold_strip_has_one_picture_per_frame_and_shows_the_arcs():
 
 
 def test_the_page_takes_pictures_of_any_width() -> None:
-    wide = Picture(np.zeros((90, 2000, 3), np.uint8), "wide")
+    wide = CaptionedPicture(np.zeros((90, 2000, 3), np.uint8), "wide")
     uri = next(s for s in page_of(pictures=ReportPictures(overview=(wide,))).sources if s.startswith("data:"))
     assert cv2.imdecode(np.frombuffer(base64.b64decode(uri.split(",")[1]), np.uint8), 1).shape == (29, 640, 3)
 
@@ -307,7 +307,7 @@ def test_times_that_include_waiting_for_the_operator_are_labelled_as_cell_time()
 
 def test_the_page_shows_what_lay_there_after_a_failure() -> None:
     says = "the fold is half made: the left corner slipped out 40 % along the way (confidence 0.80)"
-    estimates = (Picture(np.zeros((20, 30, 3), np.uint8), says),)
+    estimates = (CaptionedPicture(np.zeros((20, 30, 3), np.uint8), says),)
     page = text_of(pictures=replace(report_pictures(), estimates=estimates))
     assert "What lay there" in page and page.count(says) == 2  # under the picture, and as its description
     assert "What lay there" not in text_of()

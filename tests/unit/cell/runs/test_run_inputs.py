@@ -17,8 +17,7 @@ from foldcell.cell.config.trajectory_library.library_file import (
     user_library_path,
 )
 from foldcell.cell.hardware.assembly import assemble
-from foldcell.cell.runs.request_file import keep_request
-from foldcell.cell.runs.run_inputs import keep_run_inputs, restored_request
+from foldcell.cell.runs.request_file import keep_request, keep_run_inputs, restored_request
 from foldcell.cell.states.commands import CommandQueue
 from foldcell.cell.states.fold_request import FoldRequest
 from foldcell.cell.view.recorder import Recorder

@@ -6,7 +6,7 @@ import pytest
 from foldcell.robots.errors import FailureKind
 from foldcell.robots.ports import CameraFrame
 from foldcell.skills.perception.classify import Match
-from foldcell.skills.perception.drawing import draw_on_camera, draw_on_view, draw_overlay
+from foldcell.skills.perception.drawing import draw_on_camera, draw_overlay
 from foldcell.skills.perception.outline import polygon_area
 from tests.builders.shipped_settings import PERCEPTION, perceive
 from tests.builders.silhouettes import Silhouette
@@ -200,9 +200,9 @@ def test_an_overlay_does_not_change_the_picture(towel_picture, calibration, towe
     _, _, picture, bare = towel_picture(0)
     seen = perceive(picture, calibration, TABLE, bare, towels).unwrap()
     before = picture.rgb.copy()
-    camera_picture, view_picture = draw_on_camera(seen, picture.rgb), draw_on_view(seen)
+    drawn = draw_on_camera(seen, picture.rgb)
     assert np.array_equal(picture.rgb, before)
-    assert camera_picture.shape == picture.rgb.shape and view_picture.shape == seen.rgb.shape
-    corner = np.round(seen.view.to_pixel(seen.state.keypoints["far_left"])).astype(int)
-    assert view_picture[corner[1], corner[0], 0] > 200 > view_picture[corner[1], corner[0], 1]
+    assert drawn.shape == picture.rgb.shape
+    corner = np.round(seen.view.to_image(seen.state.keypoints["far_left"])).astype(int)
+    assert drawn[corner[1], corner[0], 0] > 200 > drawn[corner[1], corner[0], 1]
     assert np.array_equal(draw_overlay(picture.rgb), picture.rgb)

@@ -23,10 +23,10 @@ import pytest
 from foldcell.cell.operator.console.run_status import RunStatus
 from foldcell.cell.operator.console.server import PAGE
 from foldcell.cell.record.run_record import FailureRecord
-from foldcell.cell.report.camera_pictures.projected_drawing import jpeg_file
 from foldcell.cell.states.observers import Step
 from foldcell.cell.states.run_context import Result
 from foldcell.cell.states.transition_table import Effect, Event, State
+from foldcell.cell.support.files.encoded_picture import jpeg_file
 from foldcell.robots.errors import FailureKind
 from tests import optional_parts
 from tests.builders.contexts import context_with

@@ -10,8 +10,7 @@ import pytest
 from foldcell.cell.config.garments.garment_file import load_garment
 from foldcell.cell.operator.console.live_view import LiveView
 from foldcell.cell.operator.console.messages import CommandMessage, EditMessage, PlanChange, read_message
-from foldcell.cell.operator.console.plan_changes import offered_changes, plan_edit
-from foldcell.cell.report.camera_pictures.picture_places import on_picture, on_table
+from foldcell.cell.operator.console.plan_changes import offered_changes, on_picture, on_table, plan_edit
 from foldcell.cell.report.camera_pictures.projected_drawing import SCALE, ProjectedDrawing
 from foldcell.cell.states.observers import Step
 from foldcell.cell.states.run_context import Result, RunContext

@@ -1,4 +1,4 @@
-"""Pictures of a recording in the viewer: `python -m foldcell.cell.view.viewing.screenshot RUN.rrd OUT.png`.
+"""Pictures of a recording in the viewer.
 
 This runs Rerun's viewer without a window. It needs a graphics driver; a software driver is enough (Debian:
 mesa-vulkan-drivers).
@@ -6,9 +6,6 @@ mesa-vulkan-drivers).
 
 from __future__ import annotations
 
-import argparse
-import shutil
-import sys
 import time
 from pathlib import Path
 
@@ -18,6 +15,7 @@ from rerun.experimental import ViewerClient
 
 from foldcell.cell.view.entries.entry import TIMELINE
 from foldcell.cell.view.live import free_port
+from foldcell.cell.view.viewing.viewer import find_viewer
 from foldcell.robots.errors import CellError
 
 __all__ = ["screenshot"]
@@ -35,11 +33,11 @@ def screenshot(recording: Path, picture: Path, t: float | None = None, view: str
     view: name of one view of the layout; None: the whole window. Raises CellError if the viewer, a graphics driver
     or the view is missing.
     """
-    executable = shutil.which("rerun", path=str(Path(sys.executable).parent)) or shutil.which("rerun")
+    executable = find_viewer()
     if executable is None:
         raise CellError("the Rerun viewer is not installed", "pip install rerun-sdk")
     try:
-        with ViewerClient.spawn(headless=True, port=free_port(), executable_path=executable) as viewer:
+        with ViewerClient.spawn(headless=True, port=free_port(), executable_path=str(executable)) as viewer:
             viewer.open(str(recording))
             time.sleep(SETTLE_S)
             viewer.set_time(TIMELINE, duration=_end(viewer) if t is None else t, play_state="paused")
@@ -66,18 +64,3 @@ def _view_id(viewer: ViewerClient, name: str) -> str:
     if name not in views:
         raise CellError(f"the recording has no view {name!r}", f"views: {', '.join(views)}")
     return str(views[name])
-
-
-def main() -> int:
-    parser = argparse.ArgumentParser(description="Draw a recording into a PNG.")
-    parser.add_argument("recording", type=Path)
-    parser.add_argument("picture", type=Path)
-    parser.add_argument("--time", type=float, help="cell time [s]; default: the end")
-    parser.add_argument("--view", help="name of one view; default: the whole window")
-    arguments = parser.parse_args()
-    screenshot(arguments.recording, arguments.picture, arguments.time, arguments.view)
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
