@@ -3,7 +3,6 @@ make safe, close."""
 
 from __future__ import annotations
 
-import json
 import sys
 import time
 import traceback
@@ -37,7 +36,7 @@ from foldcell.cell.states.fold_request import FoldRequest
 from foldcell.cell.states.run_context import RunContext
 from foldcell.cell.states.transition_table import Event
 from foldcell.cell.support.files.whole_file import write_whole
-from foldcell.cell.support.json_values import to_json
+from foldcell.cell.support.json_values import write_json
 from foldcell.cell.support.process.interrupts import Interrupts
 from foldcell.cell.support.process.terminations import BY_SIGNAL
 from foldcell.cell.view.recorder import Recorder
@@ -188,7 +187,7 @@ def perform_session(
         end = _with_cell(request, run, work, began, interrupts)
         report = end.as_json() | (dict(figures(end.value, end.truth)) if end.value is not None else {})
         run.end(end.result, report)
-        write_whole(run.directory / "result.json", json.dumps(to_json(report), indent=1) + "\n")
+        write_json(run.directory / "result.json", report)
     return end
 
 

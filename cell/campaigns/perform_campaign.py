@@ -19,6 +19,7 @@ from foldcell.cell.campaigns.trials.store import CampaignFolder, program_version
 from foldcell.cell.campaigns.trials.trial import Trial
 from foldcell.cell.operator.progress.compiling import report_compilation
 from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.cell.support.json_values import write_json
 from foldcell.robots.errors import StorageError
 
 __all__ = ["ATTEMPTS", "perform_campaign", "run_trials"]
@@ -36,7 +37,7 @@ def write_results(folder: CampaignFolder, trials: list[Trial]) -> None:
     from foldcell.cell.campaigns.page.campaign_page import PAGE, campaign_page
 
     results = CampaignResults.of(folder.campaign, trials)
-    write_whole(folder.path / RESULTS, results.text())
+    write_json(folder.path / RESULTS, results.as_json())
     write_whole(folder.path / PAGE, campaign_page(folder, results))
 
 

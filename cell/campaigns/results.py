@@ -3,7 +3,6 @@ runs."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -87,10 +86,6 @@ class CampaignResults:
             ],
         }
         return dict(to_json(values))
-
-    def text(self) -> str:
-        """Return the text of `trials.json`."""
-        return json.dumps(self.as_json(), indent=1) + "\n"
 
 
 def _table(table: Claims) -> dict[str, Any]:

@@ -11,7 +11,6 @@ Both check every value. Write it with `write_record`. `cell/record/words.py` has
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -21,8 +20,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, TypeAdapter, ValidationError
 
 from foldcell.cell.states.transition_table import State
-from foldcell.cell.support.files.whole_file import write_whole
-from foldcell.cell.support.json_values import to_json
+from foldcell.cell.support.json_values import to_json, write_json
 from foldcell.cell.support.process.terminations import BY_SIGNAL
 from foldcell.robots.errors import FailureKind, StorageError
 from foldcell.skills.perception.inspection.claim import Claim
@@ -328,4 +326,4 @@ def read_record(folder: Path) -> RunRecord:
 
 def write_record(record: RunRecord) -> None:
     """Write the record into the folder of its run. Raises StorageError."""
-    write_whole(Path(record.run_dir) / RECORD, json.dumps(record.as_json(), indent=1) + "\n")
+    write_json(Path(record.run_dir) / RECORD, record)

@@ -28,6 +28,7 @@ from foldcell.cell.journal.run_checkpoint import read_checkpoint, write_checkpoi
 from foldcell.cell.states.fold_request import FoldRequest
 from foldcell.cell.states.run_context import RunContext
 from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.cell.support.json_values import write_json
 from foldcell.robots.errors import ConfigurationError, StorageError
 
 __all__ = [
@@ -65,7 +66,7 @@ def keep_request(folder: Path, request: FoldRequest) -> None:
             write_whole(folder / GARMENT / source.name, source.read_bytes())
         except OSError as e:
             raise StorageError(f"{source} cannot be copied to the run: {e.strerror}", "check path and disk") from e
-    write_whole(folder / REQUEST, json.dumps(kept, indent=1) + "\n")
+    write_json(folder / REQUEST, kept)
 
 
 def load_request(folder: Path, logs: Path, restored: Path | None = None, **changes: Any) -> FoldRequest:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from enum import Enum
@@ -11,7 +12,9 @@ from typing import Any
 
 from pydantic import BaseModel
 
-__all__ = ["flattened", "to_json"]
+from foldcell.cell.support.files.whole_file import write_whole
+
+__all__ = ["flattened", "to_json", "write_json"]
 
 
 def to_json(value: Any) -> Any:
@@ -40,6 +43,11 @@ def to_json(value: Any) -> Any:
     if isinstance(value, Path):
         return str(value)
     return f"<{type(value).__name__}>"
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write a value as JSON for people and programs. Raises StorageError."""
+    write_whole(path, json.dumps(to_json(value), indent=1) + "\n")
 
 
 def _key(key: Any) -> str:

@@ -41,7 +41,6 @@ class BoundedWorker(Generic[T]):
         self._closing = False
         self._changed = threading.Condition()
         self.dropped = 0
-        self.done = 0
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
@@ -82,7 +81,6 @@ class BoundedWorker(Generic[T]):
             self._guard(self._work, item)
             with self._changed:
                 self._cost -= cost
-                self.done += 1
         self._guard(self._finish)
 
     def _guard(self, function: Callable | None, *arguments: T) -> None:

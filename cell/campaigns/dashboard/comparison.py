@@ -17,7 +17,7 @@ from foldcell.cell.support.files.paths import journal_path
 from foldcell.robots.errors import CellError
 from foldcell.skills.scoring.verdict import Figure
 
-__all__ = ["Comparison", "PicturePair", "Row", "Value", "compare_runs"]
+__all__ = ["Comparison", "Row", "Value", "compare_runs"]
 
 PICTURES = {"last.jpg": "the last picture", "fold.png": "key frames of the folds", "pressing.png": "pressing"}
 
@@ -52,24 +52,16 @@ class Row:
 
 
 @dataclass(frozen=True)
-class PicturePair:
-    """The same kind of picture of both runs. first, second: path relative to the logs folder, or empty."""
-
-    caption: str
-    first: str
-    second: str
-
-
-@dataclass(frozen=True)
 class Comparison:
-    """difference: settings, versions, decisions and figures; None if the journals do not have both runs. notices:
-    messages about everything that could not be read."""
+    """pictures: a caption, and the paths of the same picture of both runs, relative to the logs folder (empty for
+    none). difference: settings, versions, decisions and figures; None if the journals do not have both runs.
+    notices: messages about everything that could not be read."""
 
     result: Sequence[Row]
     claim: Sequence[Row]
     score: Sequence[Row]
     folds: Sequence[Row]
-    pictures: Sequence[PicturePair]
+    pictures: Sequence[tuple[str, str, str]]
     difference: RunDifference | None
     notices: Sequence[str]
 
@@ -179,15 +171,15 @@ def _figure(name: str, value: float | None, limit: float | None = None, at_least
     return Value(text, True, not Figure(value, limit, at_least).passed)
 
 
-def _pictures(first: RunEntry, second: RunEntry) -> Iterator[PicturePair]:
+def _pictures(first: RunEntry, second: RunEntry) -> Iterator[tuple[str, str, str]]:
     for name, caption in PICTURES.items():
-        pair = PicturePair(caption, *(_existing(run, run.folder / name) for run in (first, second)))
-        if pair.first or pair.second:
-            yield pair
+        shown = [_existing(run, run.folder / name) for run in (first, second)]
+        if any(shown):
+            yield caption, shown[0], shown[1]
     questions = (sorted((run.folder / QUESTIONS).glob("*.jpg")) for run in (first, second))
     for number, (a, b) in enumerate(zip_longest(*questions), 1):
         states = dict.fromkeys(p.stem.partition("-")[2].replace("_", " ") for p in (a, b) if p)
-        yield PicturePair(
+        yield (
             f"question {number}: {' / '.join(states)}",
             _existing(first, a) if a else "",
             _existing(second, b) if b else "",

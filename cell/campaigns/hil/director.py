@@ -12,10 +12,10 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 
-from foldcell.cell.campaigns.hil.clock import ScheduledClock
 from foldcell.cell.campaigns.hil.script import LIMIT_S, Action
 from foldcell.cell.hardware.driver import OpenCell
 from foldcell.cell.simulation import Fault
@@ -25,9 +25,9 @@ from foldcell.cell.states.run_context import Result
 from foldcell.cell.states.transition_table import TERMINAL, Event, State
 from foldcell.cell.support.forwarding import forwarding
 from foldcell.robots.errors import FailureKind, InternalError
-from foldcell.robots.ports import Array, JointSetpoint, Ports
+from foldcell.robots.ports import Array, Clock, JointSetpoint, Ports
 
-__all__ = ["Director", "Observations"]
+__all__ = ["Director", "Observations", "ScheduledClock"]
 
 OVERTIME = "the script's time is over"
 GIVE_UP, HALT = Action.model_validate({"say": Event.ABORT.value}), Action.model_validate({"stop": OVERTIME})
@@ -64,6 +64,34 @@ class Observations:
     def not_done(self) -> tuple[str, ...]:
         """Everything that the script states and that did not happen, in words."""
         return (*map(str, self.missed), *self.trouble)
+
+
+class Schedule(Protocol):
+    """Actions scheduled in cell time [s]."""
+
+    def next_due(self) -> float | None: ...
+
+    def carry_out(self, now: float) -> None:
+        """Carry out every action that is due at `now` [s]."""
+
+
+class ScheduledClock:
+    """Wraps a cell's clock. Its sleep wakes at each scheduled action and carries it out, also between two
+    set-points of a motion."""
+
+    def __init__(self, clock: Clock, schedule: Schedule) -> None:
+        self._clock, self._schedule = clock, schedule
+
+    def now(self) -> float:
+        return self._clock.now()
+
+    def sleep_until(self, t: float) -> None:
+        self._schedule.carry_out(self._clock.now())
+        while (due := self._schedule.next_due()) is not None and due < t:
+            self._clock.sleep_until(due)
+            self._schedule.carry_out(self._clock.now())
+        self._clock.sleep_until(t)
+        self._schedule.carry_out(self._clock.now())
 
 
 class Director:

@@ -27,13 +27,12 @@ def _broken(script: Script, result: RunRecord, seen: Observations) -> Iterator[s
     if result.state not in expect.end:
         why = f": {result.failure.what}" if result.failure else ""
         yield f"ended {result.state}{why}; expected {_words(expect.end, ' or ')}"
-    if not _in_order(expect.failures, seen.failures):
+    if _first_missing(expect.failures, seen.failures):
         yield f"had the failures {_words(seen.failures)}; expected {_words(expect.failures)} in this order"
     others = [kind for kind in dict.fromkeys(seen.failures) if kind not in expect.failures]
     if expect.only_failures and others:
         yield f"also had the failures {_words(others)}; expected none but {_words(expect.failures)}"
-    if not _in_order(expect.through, seen.states):
-        left = _first_missing(expect.through, seen.states)
+    if left := _first_missing(expect.through, seen.states):
         yield f"never entered {left.value} as expected (through {_words(expect.through)})"
     for state in expect.not_through:
         if state in seen.states:
@@ -53,14 +52,10 @@ def _broken(script: Script, result: RunRecord, seen: Observations) -> Iterator[s
         yield f"{action} ({action.when}) never happened"
 
 
-def _in_order(wanted: Sequence[StrEnum], found: Sequence[StrEnum]) -> bool:
+def _first_missing(wanted: Sequence[StrEnum], found: Sequence[StrEnum]) -> StrEnum | None:
+    """Return the first item that does not occur in this order; None if all do."""
     rest = iter(found)
-    return all(w in rest for w in wanted)
-
-
-def _first_missing(wanted: Sequence[StrEnum], found: Sequence[StrEnum]) -> StrEnum:
-    rest = iter(found)
-    return next(w for w in wanted if w not in rest)
+    return next((w for w in wanted if w not in rest), None)
 
 
 def _words(names: Sequence[StrEnum], between: str = ", ") -> str:

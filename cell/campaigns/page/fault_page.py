@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from foldcell.cell.campaigns.faults.fault_table import FaultTable
@@ -13,6 +12,7 @@ from foldcell.cell.campaigns.trials.trial import Trial
 from foldcell.cell.record.words import garment_name, percent, plain, seconds
 from foldcell.cell.support.files.html_page import page_template
 from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.cell.support.json_values import write_json
 
 __all__ = ["PAGE", "write_fault_results"]
 
@@ -22,7 +22,7 @@ RESULTS, PAGE = "faults.json", "faults.html"
 def write_fault_results(table: FaultTable, folder: CampaignFolder, trials: list[Trial]) -> None:
     """Write the results so far and their page. Raises StorageError."""
     results = FaultResults.of(table, trials)
-    write_whole(folder.path / RESULTS, json.dumps(results.as_json(), indent=1) + "\n")
+    write_json(folder.path / RESULTS, results.as_json())
     template = page_template(
         Path(__file__).with_name(PAGE), garment=garment_name, percent=percent, words=plain, seconds=seconds
     )

@@ -15,7 +15,6 @@ from foldcell.cell.commands.calibrate.run_on_fabric import (
     FabricTest,
     Tell,
     add_garment_action,
-    add_output,
     provenance,
 )
 from foldcell.cell.commands.options import Commands
@@ -36,8 +35,7 @@ def add_options(actions: Commands) -> None:
         any_surface=False,
     )  # fmt: skip
     shear.add_argument("--held", metavar="KEYPOINT", help="key point at the clip (an end of its longest line)")
-    add_output(shear)
-    friction = add_garment_action(
+    add_garment_action(
         actions, "friction", "a garment's friction with the table, from the slope on which it slides", _friction,
         {
             "--height": "by which one side of the table is lifted when the garment begins to slide",
@@ -45,7 +43,6 @@ def add_options(actions: Commands) -> None:
         },
         any_surface=True,
     )  # fmt: skip
-    add_output(friction)
     bending = add_garment_action(
         actions, "bending",
         "a fabric's bending length, from a strip that hangs over an edge (ASTM D1388) or is folded over", _bending,
@@ -63,8 +60,7 @@ def add_options(actions: Commands) -> None:
     bending.add_argument(
         "--mass", type=float, metavar="KG_M2", help="weighed areal mass in kg/m2 (with --fold-height)"
     )
-    add_output(bending)
-    crease = add_garment_action(
+    add_garment_action(
         actions, "crease",
         "the plastic set of a pressed crease, from a strip of 40 x 15 mm folded under a weight (AATCC 66 kind)",
         _crease, {}, any_surface=False,
@@ -74,7 +70,6 @@ def add_options(actions: Commands) -> None:
             "--time": ("S", "seconds under load (standard: 300)"),
         },
     )  # fmt: skip
-    add_output(crease)
 
 
 def _shear(garment: Garment, options: argparse.Namespace, surface: str, tell: Tell) -> FabricTest:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from foldcell.calibration.shear import ShearCalibration, clip_and_lowest
 from foldcell.cell.commands.calibrate.fabric_calibrations import hang_test, modulus, tilt_test
-from foldcell.cell.commands.calibrate.run_on_fabric import Tell, add_action, check_output, provenance
+from foldcell.cell.commands.calibrate.run_on_fabric import add_action, check_output, provenance
 from foldcell.cell.commands.options import Commands
 from foldcell.cell.commands.output import answer, table, teller
 from foldcell.cell.config.cell_settings import load_settings
@@ -18,7 +18,6 @@ from foldcell.cell.config.garments.material_file import with_material
 from foldcell.cell.operator.progress.compiling import report_compilation
 from foldcell.cell.support.files.whole_file import write_whole
 from foldcell.robots.errors import ConfigurationError
-from foldcell.skills.vocabulary import Array
 
 __all__ = ["PAPER", "add_options"]
 
@@ -44,15 +43,11 @@ def add_options(actions: Commands) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    tell = teller(options.json)
-    with report_compilation(tell):
-        return _calibrate(options, load_settings(options.cell).surface, tell)
-
-
-def _calibrate(options: argparse.Namespace, surface: str, tell: Tell) -> int:
     """Calibrate the garments with the paper's measurements and print the table. With --output, also write the
     garment files."""
     names = options.garments or list(PAPER)
+    surface = load_settings(options.cell).surface
+    tell = teller(options.json)
     if options.output is not None and not options.output.is_dir():
         raise ConfigurationError(
             f"cannot write into {options.output}: no such folder", "create it, or give another one"
@@ -63,23 +58,26 @@ def _calibrate(options: argparse.Namespace, surface: str, tell: Tell) -> int:
         if options.output is not None:
             check_output(options.output / f"{name}.yaml", options.replace)
     rows = []
-    for name in names:
-        stretch, degrees, maya_shear, maya_friction = PAPER[name]
-        garment = load_garment(name, surface)
-        l2 = _laid_length(garment.template, clip_and_lowest(garment.template, garment.keypoints))
-        hung = hang_test(garment, l2 * (1.0 + 0.01 * stretch), l2, None, tell)
-        tilt = tilt_test(garment, math.sin(math.radians(degrees)), 1.0, tell)
-        rows.append({
-            "garment": name, "paper_stretch_percent": stretch, "simulated_stretch_percent": 100.0 * hung.simulated,
-            "simulated_spread_percent": 100.0 * hung.spread,
-            "hang_drop_m": hung.hang_drop, "membrane_modulus_N_per_m": modulus(garment, hung),
-            "paper_maya_shear_resistance": maya_shear, "paper_friction_angle_deg": degrees,
-            "friction": tilt.coefficient, "simulated_friction": tilt.simulated,
-            "paper_maya_friction": maya_friction,
-        })  # fmt: skip
-        if options.output is not None:
-            _write_paper(options.output / f"{name}.yaml", name, surface, hung)
-        tell(f"{name} done")
+    with report_compilation(tell):
+        for name in names:
+            stretch, degrees, maya_shear, maya_friction = PAPER[name]
+            garment = load_garment(name, surface)
+            clip, lowest = clip_and_lowest(garment.template, garment.keypoints)
+            l2 = math.dist(garment.template[clip], garment.template[lowest])
+            hung = hang_test(garment, l2 * (1.0 + 0.01 * stretch), l2, None, tell)
+            tilt = tilt_test(garment, math.sin(math.radians(degrees)), 1.0, tell)
+            rows.append({
+                "garment": name, "paper_stretch_percent": stretch,
+                "simulated_stretch_percent": 100.0 * hung.simulated,
+                "simulated_spread_percent": 100.0 * hung.spread,
+                "hang_drop_m": hung.hang_drop, "membrane_modulus_N_per_m": modulus(garment, hung),
+                "paper_maya_shear_resistance": maya_shear, "paper_friction_angle_deg": degrees,
+                "friction": tilt.coefficient, "simulated_friction": tilt.simulated,
+                "paper_maya_friction": maya_friction,
+            })  # fmt: skip
+            if options.output is not None:
+                _write_paper(options.output / f"{name}.yaml", name, surface, hung)
+            tell(f"{name} done")
     lines = table(
         ("garment", "stretch %: paper", "simulated", "spread", "hang drop m", "membrane N/m", "Maya shear",
          "angle deg: paper", "friction tan", "simulated", "Maya"),
@@ -93,7 +91,3 @@ def _write_paper(path: Path, name: str, surface: str, hung: ShearCalibration) ->
     values = {"hang_drop": round(hung.hang_drop, 3)}
     source = {"stretch_fraction": provenance("Li et al. 2015, table of garments")}
     write_whole(path, with_material(text, name, values, source, (), surface).encode())
-
-
-def _laid_length(template: Array, pair: tuple[int, int]) -> float:
-    return math.dist(template[pair[0]], template[pair[1]])

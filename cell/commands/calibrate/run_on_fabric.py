@@ -27,7 +27,6 @@ __all__ = [
     "Tell",
     "add_action",
     "add_garment_action",
-    "add_output",
     "check_output",
     "provenance",
 ]
@@ -86,12 +85,9 @@ def add_garment_action(
         action.add_argument(option, type=float, required=True, metavar="M", help=f"metres {help_text}")
     for option, (metavar, help_text) in (others or {}).items():
         action.add_argument(option, type=float, required=True, metavar=metavar, help=help_text)
-    return action
-
-
-def add_output(action: argparse.ArgumentParser) -> None:
     action.add_argument("--output", type=Path, metavar="FILE", help="garment file to write (among the logs)")
     action.add_argument("--replace", action="store_true", help="write over a file that exists")
+    return action
 
 
 def _run(options: argparse.Namespace, name: str, measure: Measure, any_surface: bool) -> int:

@@ -52,7 +52,8 @@ def examine(logs: Path) -> list[Check]:
         _python,
         _packages,
         *(partial(_robot_model, name) for name in list_robots()),
-        _caches,
+        _compile_cache,
+        partial(_writable, "user cache", user_cache(), "robot meshes are converted again at every start"),
         partial(_logs, logs),
         partial(_disk, logs),
         _memory,
@@ -75,11 +76,14 @@ def _safely(work: Callable[[], Iterable[Check]]) -> list[Check]:
         return [Check(name, Verdict.BAD, f"{type(e).__name__}: {e}", hint)]
 
 
+def _judged(name: str, good: bool, found: str, hint: str, otherwise: Verdict = Verdict.WARNING) -> Check:
+    return Check(name, Verdict.GOOD, found) if good else Check(name, otherwise, found, hint)
+
+
 def _python() -> Iterable[Check]:
-    version = ".".join(map(str, sys.version_info[:3]))
-    good = sys.version_info[:2] == (3, 11)
-    hint = "" if good else "foldcell needs Python 3.11: make setup PYTHON=/path/to/python3.11"
-    yield Check("python", Verdict.GOOD if good else Verdict.BAD, f"{version} ({sys.executable})", hint)
+    found = f"{'.'.join(map(str, sys.version_info[:3]))} ({sys.executable})"
+    hint = "foldcell needs Python 3.11: make setup PYTHON=/path/to/python3.11"
+    yield _judged("python", sys.version_info[:2] == (3, 11), found, hint, Verdict.BAD)
 
 
 # packages
@@ -183,11 +187,6 @@ COMPILED = (
 """Modules with functions whose compiled code is kept on disk."""
 
 
-def _caches() -> Iterable[Check]:
-    yield from _compile_cache()
-    yield from _writable("user cache", user_cache(), "robot meshes are converted again at every start")
-
-
 def _compile_cache() -> Iterable[Check]:
     """Load every entry, and check that the folder of the cloth simulation can be written: NUMBA_CACHE_DIR, or
     `__pycache__` beside the sources, or the user's cache of numba."""
@@ -214,54 +213,42 @@ def _compile_cache() -> Iterable[Check]:
 
 def _writable(name: str, folder: Path, without: str) -> Iterable[Check]:
     problem = _write_problem(folder)
-    if problem is None:
-        yield Check(name, Verdict.GOOD, str(folder))
-    else:
-        yield Check(name, Verdict.WARNING, f"{folder}: {problem}", f"make it writable; otherwise: {without}")
+    yield _judged(name, not problem, f"{folder}{problem}", f"make it writable; otherwise: {without}")
 
 
 def _logs(logs: Path) -> Iterable[Check]:
-    problem = _write_problem(logs)
-    if problem is not None:
-        yield Check(
-            "logs", Verdict.BAD, f"{logs}: {problem}", "choose another folder: --logs DIR or FOLDCELL_LOGS"
-        )
-        return
-    yield Check("logs", Verdict.GOOD, str(logs))
-    journal_file = journal_path(logs)
-    if not journal_file.exists():
+    problem, journal_file = _write_problem(logs), journal_path(logs)
+    hint = "choose another folder: --logs DIR or FOLDCELL_LOGS"
+    yield _judged("logs", not problem, f"{logs}{problem}", hint, Verdict.BAD)
+    if problem or not journal_file.exists():
         return
     from foldcell.cell.journal.journal import Journal
 
     with Journal.open(journal_file, readonly=True) as journal:
         state = journal.check()
-        if state == "ok":
-            yield Check("journal", Verdict.GOOD, f"{len(journal.runs())} runs")
-        else:
-            yield Check("journal", Verdict.BAD, state, f"keep a copy of {journal_file} and move it aside")
+        found = f"{len(journal.runs())} runs" if state == "ok" else state
+        hint = f"keep a copy of {journal_file} and move it aside"
+        yield _judged("journal", state == "ok", found, hint, Verdict.BAD)
 
 
-def _write_problem(folder: Path) -> str | None:
-    """Return the reason why the folder cannot be written, or None if it can. For a missing folder, the nearest
-    existing parent is checked."""
+def _write_problem(folder: Path) -> str:
+    """Return why the folder cannot be written, as an addition to its name; empty if it can. For a missing folder,
+    the nearest existing parent is checked."""
     while not folder.exists() and folder != folder.parent:
         folder = folder.parent
     if not folder.is_dir():
-        return f"{folder} is not a folder"
+        return f": {folder} is not a folder"
     try:
         with tempfile.TemporaryFile(dir=folder):
-            return None
+            return ""
     except OSError as e:
-        return str(e.strerror)
+        return f": {e.strerror}"
 
 
 def _disk(logs: Path) -> Iterable[Check]:
     free = free_bytes(logs)
-    good = free >= LEAST_DISK
-    yield Check(
-        "disk", Verdict.GOOD if good else Verdict.WARNING, f"{free / 2**30:.1f} GiB free at {logs}",
-        "" if good else "a run takes up to 100 MB: remove old runs, or choose another --logs DIR",
-    )  # fmt: skip
+    hint = "a run takes up to 100 MB: remove old runs, or choose another --logs DIR"
+    yield _judged("disk", free >= LEAST_DISK, f"{free / 2**30:.1f} GiB free at {logs}", hint)
 
 
 def _memory() -> Iterable[Check]:
@@ -271,17 +258,14 @@ def _memory() -> Iterable[Check]:
         yield Check("memory", Verdict.GOOD, "not measured on this system")
         return
     free = 1024 * next(int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
-    good = free >= LEAST_MEMORY
-    hint = "" if good else f"a run needs about {LEAST_MEMORY / 2**30:.0f} GiB: close other programs"
-    yield Check("memory", Verdict.GOOD if good else Verdict.WARNING, f"{free / 2**30:.1f} GiB free", hint)
+    hint = f"a run needs about {LEAST_MEMORY / 2**30:.0f} GiB: close other programs"
+    yield _judged("memory", free >= LEAST_MEMORY, f"{free / 2**30:.1f} GiB free", hint)
 
 
 def _cores() -> Iterable[Check]:
     cores = len(os.sched_getaffinity(0))
-    hint = "" if cores >= 2 else "two cores halve the time of an optimisation"
-    yield Check(
-        "processor", Verdict.GOOD if cores >= 2 else Verdict.WARNING, f"{cores} cores; no GPU is needed", hint
-    )
+    hint = "two cores halve the time of an optimisation"
+    yield _judged("processor", cores >= 2, f"{cores} cores; no GPU is needed", hint)
 
 
 def _garments() -> Iterable[Check]:
@@ -292,26 +276,18 @@ def _garments() -> Iterable[Check]:
     names = list_garments()
     for name in names:
         load_garment(name, surface)
-    yield Check(
-        "garments",
-        Verdict.GOOD if names else Verdict.BAD,
-        ", ".join(names) or "none",
-        "" if names else REPAIR,
-    )
+    yield _judged("garments", bool(names), ", ".join(names) or "none", REPAIR, Verdict.BAD)
 
 
 def _viewer() -> Iterable[Check]:
     found = find_viewer()
-    hint = "" if found else "pip install rerun-sdk; without it recordings are written but cannot be opened here"
-    yield Check("viewer", Verdict.GOOD if found else Verdict.WARNING, str(found or "no rerun program"), hint)
+    hint = "pip install rerun-sdk; without it recordings are written but cannot be opened here"
+    yield _judged("viewer", found is not None, str(found or "no rerun program"), hint)
 
 
 def _ros() -> Iterable[Check]:
     """Check for ROS 1, which only the drivers `ros` and `emulator` need."""
-    folder = find_ros()
-    if folder is None:
-        hint = f"only for --driver ros and emulator: apt-get install {PACKAGES}"
-        yield Check("ROS 1", Verdict.WARNING, "not installed", hint)
-        return
-    uri = os.environ.get("ROS_MASTER_URI")
-    yield Check("ROS 1", Verdict.GOOD, f"{folder}; ROS_MASTER_URI " + (uri or "not set: no robot is named"))
+    folder, uri = find_ros(), os.environ.get("ROS_MASTER_URI", "not set: no robot is named")
+    found = "not installed" if folder is None else f"{folder}; ROS_MASTER_URI {uri}"
+    hint = f"only for --driver ros and emulator: apt-get install {PACKAGES}"
+    yield _judged("ROS 1", folder is not None, found, hint)

@@ -27,6 +27,6 @@ def run(options: argparse.Namespace) -> int:
     if bad:
         verdict = f"foldcell cannot run here: {len(bad)} things are missing"
     rows = [(_MARKS[c.verdict], c.name, c.found) for c in checks]
-    hints = [f"{c.name}: {c.hint}" for c in checks if c.verdict is not Verdict.GOOD and c.hint]
+    hints = [f"{c.name}: {c.hint}" for c in checks if c.hint]
     lines = [*table(("", "what", "found"), rows), *hints, verdict]
     return answer(options, {"good": not bad, "checks": checks}, lines, 3 if bad else 0)

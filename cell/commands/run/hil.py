@@ -4,7 +4,6 @@ ladder."""
 from __future__ import annotations
 
 import argparse
-import json
 import signal
 import sys
 from collections.abc import Iterator
@@ -24,13 +23,15 @@ from foldcell.cell.support.files.names import checked_name
 from foldcell.cell.support.files.own_file import refuse_foreign
 from foldcell.cell.support.files.paths import campaign_folder, logs_directory, prepare_logs, space_for
 from foldcell.cell.support.files.whole_file import write_whole
-from foldcell.cell.support.json_values import to_json
+from foldcell.cell.support.json_values import write_json
 from foldcell.cell.support.junit import JUnitCase, junit_text
 from foldcell.cell.support.process.lock import OwnerLock
 from foldcell.cell.support.process.terminations import BY_SIGNAL, Terminated
 from foldcell.robots.errors import ConfigurationError
 
 __all__ = ["add_options", "run"]
+
+RESULTS = "hil.json"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -84,7 +85,7 @@ def _campaign(options: argparse.Namespace, settings: CellSettings, scripts: list
         left = scripts[len(done) :]
         figures = _figures(done, left, options.driver)
         answer(options, {**figures, "directory": str(folder)}, _summary(done, left, folder))
-        _write_results(folder, figures)
+        write_json(folder / RESULTS, figures)
         if options.junit is not None:
             cases = [p.as_case() for p in done]
             cases += [JUnitCase(script.name, skipped="interrupted before it was run") for script in left]
@@ -107,7 +108,9 @@ def _perform(
             realtime=options.realtime, tell=lambda line: print(f"         -> {line}", file=sys.stderr, flush=True),
         )  # fmt: skip
         done.append(performance)
-        _write_results(folder, _figures(done, scripts[number:], options.driver))  # the process may be killed later
+        write_json(
+            folder / RESULTS, _figures(done, scripts[number:], options.driver)
+        )  # the process may be killed later
         tell(_outcome(performance))
         if performance.result is not None and performance.result.signal is not None:
             return performance.result.signal
@@ -145,10 +148,6 @@ def _figures(done: list[ScriptResult], left: list[Script], driver: str) -> dict[
     }
 
 
-def _write_results(folder: Path, figures: dict[str, Any]) -> None:
-    write_whole(folder / "hil.json", json.dumps(to_json(figures), indent=1) + "\n")
-
-
 def _outcome(p: ScriptResult) -> str:
     times = f"{p.result.robot_time_s:.1f} s robot, {p.seconds:.1f} s wall" if p.result else "no run"
     lines = [f"         {'passed' if p.passed else 'FAILED'}  ({times})"]
@@ -164,4 +163,4 @@ def _summary(done: list[ScriptResult], left: list[Script], folder: Path) -> Iter
     yield f"\n{len(done) - len(failed)} of {len(done)} passed{names}"
     if left:
         yield f"not performed: {', '.join(script.name for script in left)}"
-    yield f"details  {folder / 'hil.json'}"
+    yield f"details  {folder / RESULTS}"

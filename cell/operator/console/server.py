@@ -28,7 +28,7 @@ from starlette.websockets import WebSocket
 from foldcell.cell.operator.console.live_view import LiveView
 from foldcell.cell.operator.console.messages import ControlMessage, EditMessage, StopMessage, read_message
 from foldcell.cell.operator.console.run_status import RunStatus
-from foldcell.cell.operator.console.viewer_routes import ViewerSource, viewer_routes
+from foldcell.cell.operator.console.viewer_routes import viewer_routes
 from foldcell.cell.operator.local_server import origins, served
 from foldcell.cell.states.commands import ANSWERS, CommandQueue
 from foldcell.cell.states.state_chart import marked_chart
@@ -70,8 +70,8 @@ def operators_page(
     `origins`. Raises StorageError if the page cannot be served.
     """
     ended = threading.Event()
-    source = ViewerSource(*viewer, ended.is_set) if viewer else None
-    page = _Page(run_status, live_view, commands, stop, source, origins(listener, forwarded))
+    view = viewer_routes(f"/{VIEWER}", *viewer, ended.is_set) if viewer else []
+    page = _Page(run_status, live_view, commands, stop, view, origins(listener, forwarded))
     may, hint = (
         MAY_LOAD.format(sockets=" ".join("ws" + at.removeprefix("http") for at in origins(listener, forwarded))),
         "use --no-page and keys at the terminal",
@@ -95,7 +95,7 @@ class _Page:
         live_view: LiveView,
         commands: CommandQueue,
         stop: Stop,
-        viewer: ViewerSource | None,
+        viewer: list[Route],
         own_origins: list[str],
     ) -> None:
         self._run_status, self._live_view, self._commands, self._stop = run_status, live_view, commands, stop
@@ -105,7 +105,7 @@ class _Page:
 
     def routes(self) -> list[BaseRoute]:
         own = [Route("/", self.page), Route("/picture.jpg", self.picture), WebSocketRoute("/link", self.link)]
-        return [*own, *(viewer_routes(f"/{VIEWER}", self._viewer) if self._viewer else ())]
+        return [*own, *self._viewer]
 
     async def page(self, request: Request) -> HTMLResponse:
         viewer = json.dumps(VIEWER if self._viewer else None)

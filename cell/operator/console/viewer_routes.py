@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 from starlette.requests import Request
@@ -20,7 +19,7 @@ from foldcell.cell.operator.local_server import content_policy
 from foldcell.cell.view.viewing.web_viewer import web_viewer_files
 from foldcell.robots.errors import StorageError
 
-__all__ = ["ViewerSource", "recorded_view", "viewer_routes"]
+__all__ = ["recorded_view", "viewer_routes"]
 
 PAGE = Path(__file__).with_name("viewer.html")
 HEADERS = content_policy(
@@ -34,16 +33,6 @@ PERIOD_S = 0.2
 """Period at which the recording is checked for more content [s]."""
 
 
-@dataclass(frozen=True)
-class ViewerSource:
-    """program: folder with the files of the web viewer; recording: the file that it shows; ended: whether nothing
-    will be added to the recording any more."""
-
-    program: Path
-    recording: Path
-    ended: Callable[[], bool]
-
-
 def recorded_view(recording: Path) -> tuple[Path, Path] | None:
     """Return the folder of the web viewer's program and the recording to show. None if the program is not
     installed; the page works without it."""
@@ -53,22 +42,23 @@ def recorded_view(recording: Path) -> tuple[Path, Path] | None:
         return None
 
 
-def viewer_routes(prefix: str, source: ViewerSource) -> list[Route]:
-    """Return the routes of the 3-D view below the path `prefix`."""
+def viewer_routes(prefix: str, files: Path, shown: Path, ended: Callable[[], bool]) -> list[Route]:
+    """Return the routes of the 3-D view below the path `prefix`. files: folder with the files of the web viewer;
+    shown: the recording; ended: whether nothing will be added to the recording any more."""
 
     async def page(request: Request) -> Response:
         return Response(PAGE.read_bytes(), media_type="text/html", headers=HEADERS)
 
     async def recording(request: Request) -> Response:
-        if not source.recording.is_file():
+        if not shown.is_file():
             return Response(status_code=404, headers=HEADERS)
         return StreamingResponse(
-            growing_file(source.recording, source.ended), media_type="application/octet-stream", headers=HEADERS
+            growing_file(shown, ended), media_type="application/octet-stream", headers=HEADERS
         )
 
     def program(name: str, kind: str) -> Route:
         async def file(request: Request) -> Response:
-            return FileResponse(source.program / name, media_type=kind, headers=HEADERS)
+            return FileResponse(files / name, media_type=kind, headers=HEADERS)
 
         return Route(f"{prefix}{name}", file)
 

@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from foldcell.cell.campaigns.hil import director as directing
-from foldcell.cell.campaigns.hil.clock import ScheduledClock
-from foldcell.cell.campaigns.hil.director import Director
+from foldcell.cell.campaigns.hil.director import Director, ScheduledClock
 from foldcell.cell.campaigns.hil.script import Script
 from foldcell.cell.campaigns.hil.verdict import broken_expectations
 from foldcell.cell.hardware.driver import OpenCell
