@@ -275,17 +275,6 @@ class Journal:
         )
         return [(row["run"], self._entry(row)) for row in rows]
 
-    def last_intent(self, run: str) -> Intent | None:
-        """Return the last effect that began, or None. Its result is None if the run ended during the effect."""
-        rows = self._read(
-            "SELECT * FROM events WHERE run = ? AND kind = 'intent' ORDER BY sequence DESC LIMIT 1", (run,)
-        )
-        if not rows:
-            return None
-        begun = self._entry(rows[0])
-        results = self._read("SELECT * FROM events WHERE run = ? AND answers = ?", (run, begun.sequence))
-        return Intent(begun, self._entry(results[0]) if results else None)
-
     def began_to_act(self, run: str) -> bool:
         """Whether a run has begun an effect, i.e. whether its cell was opened."""
         return bool(self._read("SELECT 1 FROM events WHERE run = ? AND kind = 'intent' LIMIT 1", (run,)))

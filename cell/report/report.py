@@ -18,7 +18,7 @@ from foldcell.cell.record.words import garment_name, length, plain
 from foldcell.cell.report.camera_pictures.question_files import FOLDER as QUESTIONS_FOLDER
 from foldcell.cell.report.failure_stories import FailureStory
 from foldcell.cell.report.page import FILM, FoldPictures, ReportPictures, render
-from foldcell.cell.report.pictures.film import SIZE, CaptionedPicture, DrawnHold
+from foldcell.cell.report.pictures.film import CaptionedPicture, DrawnHold
 from foldcell.cell.report.pictures.fold_pictures import KeyFrame, fold_strip, join
 from foldcell.cell.report.pictures.height_map import TICK, height_maps
 from foldcell.cell.report.pictures.recorded_holds import TrueFrame, spread
@@ -113,10 +113,10 @@ def _write_pressing(path: Path, notes: Sequence[FoldNote]) -> None:
 def _fold(note: FoldNote, hold: DrawnHold | None, drawing: RunDrawing) -> FoldPictures:
     attempt = note.attempt
     moments = np.linspace(0.0, 1.0, len(attempt.plan_frames))
-    predicted = fold_strip(
-        [KeyFrame(v) for v in attempt.plan_frames], attempt.predicted.triangles,
-        size=SIZE, scenery=drawing.along(note), view=drawing.view,
-    )  # fmt: skip
+    predicted = []
+    if drawing.view is not None:
+        planned = [KeyFrame(v) for v in attempt.plan_frames]
+        predicted = fold_strip(planned, attempt.predicted.triangles, drawing.view, drawing.along(note))
     pictures = [
         CaptionedPicture(p, f"predicted, {100 * m:.0f} %") for p, m in zip(predicted, moments, strict=True)
     ]

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 import yaml
 
-from foldcell.cell.journal.journal import Journal
+from foldcell.cell.journal.journal import Journal, performed
 from foldcell.cell.simulation import Fault, FaultKind
 from foldcell.robots.errors import StorageError
 from tests.runs import FEW_PICTURES, PLAIN, Onlooker, fold_request, once_folded_towel
@@ -34,8 +34,8 @@ def under_way(logs: Path) -> str | None:
     """The unfinished effect of the journal's last run, read from another process."""
     with suppress(StorageError), Journal.open(logs / "journal.db", readonly=True) as journal:
         runs = journal.runs()
-        intent = journal.last_intent(runs[-1].id) if runs else None
-        return intent.begun.name if intent and intent.result is None else None
+        begun = performed(journal.entries(runs[-1].id)) if runs else []
+        return begun[-1].name if begun and begun[-1].result is None else None
     return None
 
 

@@ -45,6 +45,8 @@ class History:
         self.logs = logs
         self._kept: dict[Path, tuple[Signature, Any]] = {}
         self._content: tuple[float, LogsContent] | None = None
+        self._notices: list[str] = []
+        """What the present reading could not read."""
         self._mutex = threading.Lock()
 
     def read(self) -> LogsContent:
@@ -56,11 +58,10 @@ class History:
             return self._content[1]
 
     def _read(self) -> LogsContent:
-        runs: list[RunEntry] = []
         campaigns: list[CampaignEntry] = []
-        own, notices = self._journal(self.logs, "")
-        runs += own
-        known = {run.folder.name for run in own}
+        self._notices = []
+        runs = [*self._journal(self.logs, "")]
+        known = {run.folder.name for run in runs}
         try:
             folders = sorted(
                 Path(e.path)
@@ -68,39 +69,38 @@ class History:
                 if e.name not in known and e.is_dir(follow_symlinks=False)
             )
         except OSError as e:
-            return LogsContent(runs, (), [*notices, f"the logs folder {self.logs} cannot be read: {e.strerror}"])
+            self._notices.append(f"the logs folder {self.logs} cannot be read: {e.strerror}")
+            folders = []
         for folder in folders:
             if RUN_NAME.match(folder.name):
                 runs.append(self._unlisted(folder, ""))
             elif is_campaign(folder):
-                campaign, own, more = self._campaign(folder)
+                campaign, own = self._campaign(folder)
                 campaigns.append(campaign)
                 runs += own
-                notices += more
-            else:
-                own, more = self._runs_below(folder)
+            elif own := self._runs_below(folder):
+                campaigns.append(_folder_entry(folder, own))
                 runs += own
-                notices += more
-                if own:
-                    campaigns.append(_folder_entry(folder, own))
         runs.sort(key=lambda run: (run.started or 0.0, run.key), reverse=True)
         campaigns.sort(key=lambda c: (c.begun, c.name), reverse=True)
-        return LogsContent(tuple(runs), tuple(campaigns), tuple(notices))
+        return LogsContent(tuple(runs), tuple(campaigns), tuple(self._notices))
 
-    def _journal(self, folder: Path, campaign: str, variant: str = "") -> tuple[list[RunEntry], list[str]]:
-        """Return the runs of the journal in `folder`, and notices. If the journal cannot be read, there are no
-        runs, and a notice says so."""
+    def _journal(self, folder: Path, campaign: str, variant: str = "") -> Sequence[RunEntry]:
+        """Return the runs of the journal in `folder`. If the journal cannot be read, there are none, and a notice
+        says so."""
         path = journal_path(folder)
         if not path.is_file():
-            return [], []
+            return ()
         try:
-            return self._unchanged(
+            runs: Sequence[RunEntry] = self._unchanged(
                 path,
                 lambda: self._journal_runs(path, campaign, variant),
                 keep=lambda runs: all(run.status != "running" for run in runs),
-            ), []
+            )
         except (CellError, ValueError, LookupError, TypeError) as e:
-            return [], [e.what if isinstance(e, CellError) else f"the journal {path} is damaged: {e}"]
+            self._notices.append(e.what if isinstance(e, CellError) else f"the journal {path} is damaged: {e}")
+            return ()
+        return runs
 
     def _journal_runs(self, path: Path, campaign: str, variant: str) -> list[RunEntry]:
         with Journal.open(path, readonly=True, traceless=True) as journal:
@@ -138,51 +138,46 @@ class History:
             damage=damage,
         )  # fmt: skip
 
-    def _runs_below(self, folder: Path) -> tuple[list[RunEntry], list[str]]:
-        """Return the runs of a folder that is a damaged campaign or none (scripted runs, endurance), and
-        notices."""
-        runs, notices = self._journal(folder, folder.name)
+    def _runs_below(self, folder: Path) -> list[RunEntry]:
+        """Return the runs of a folder that is a damaged campaign or none (scripted runs, endurance)."""
+        runs = [*self._journal(folder, folder.name)]
         known = {run.folder for run in runs}
         for path in _folders(folder):
             if RUN_NAME.match(path.name):
                 runs += [] if path in known else [self._unlisted(path, folder.name)]
                 continue
             for place in (path, *(p for p in _folders(path) if not RUN_NAME.match(p.name))):
-                own, more = self._journal(place, folder.name)
-                runs = [*runs, *own]
-                notices += more
-        return runs, notices
+                runs += self._journal(place, folder.name)
+        return runs
 
-    def _campaign(self, folder: Path) -> tuple[CampaignEntry, list[RunEntry], list[str]]:
+    def _campaign(self, folder: Path) -> tuple[CampaignEntry, list[RunEntry]]:
         try:
             campaign: CampaignFolder = self._unchanged(folder / MANIFEST, lambda: CampaignFolder.open(folder))
         except CellError as e:
-            runs, notices = self._runs_below(folder)
-            return _folder_entry(folder, runs, e.what), runs, notices
+            runs = self._runs_below(folder)
+            return _folder_entry(folder, runs, e.what), runs
         plan = campaign.campaign
-        runs, notices, finished = [], [], 0
+        runs, finished = [], 0
         for request in plan.requests:
-            own, more, done = self._trial(campaign, request)
+            own, done = self._trial(campaign, request)
             runs += own
-            notices += more
             finished += done
         entry = CampaignEntry(
             folder.name, plan.about, plan.begun, len(plan.requests), finished,
             sum(run.verdict == "folded" for run in runs), _pages(folder),
         )  # fmt: skip
-        return entry, runs, notices
+        return entry, runs
 
-    def _trial(self, campaign: CampaignFolder, request: TrialRequest) -> tuple[list[RunEntry], list[str], bool]:
-        """Return the runs of one request, what could not be read, and whether the request is finished."""
+    def _trial(self, campaign: CampaignFolder, request: TrialRequest) -> tuple[Sequence[RunEntry], bool]:
+        """Return the runs of one request, and whether the request is finished."""
         folder = campaign.folder(request)
         path = folder / TRIAL
         entry = self._unchanged(path, lambda: self._finished_trial(campaign, request))
         if entry is not None:
-            return [entry], [], True
-        runs, notices = self._journal(folder, campaign.path.name, request.variant)
+            return (entry,), True
         if path.is_file():
-            notices.append(f"{path} is damaged, or belongs to another request")
-        return runs, notices, False
+            self._notices.append(f"{path} is damaged, or belongs to another request")
+        return self._journal(folder, campaign.path.name, request.variant), False
 
     def _finished_trial(self, campaign: CampaignFolder, request: TrialRequest) -> RunEntry | None:
         trial = read_trial(campaign.folder(request), request)

@@ -15,7 +15,7 @@ import numpy as np
 from foldcell.calibration.shear import clip_and_lowest
 from foldcell.cell.commands.options import Commands, add_command, cell_option, page_options
 from foldcell.cell.commands.output import answer
-from foldcell.cell.commands.skill.perceive import look_at, write_refused
+from foldcell.cell.commands.skill.perceive import depth_options, look_at, write_refused
 from foldcell.cell.config.cell_settings import CellSettings, load_settings
 from foldcell.cell.config.garments.garment_file import load_garment
 from foldcell.cell.config.garments.key_points_file import read_checked_key_points
@@ -57,9 +57,7 @@ def add_options(actions: Commands) -> None:
     new.add_argument("--title", help="title of the garment")
     new.add_argument("--output", type=Path, metavar="FILE", help="garment file to write (IMAGE's name, here)")
     new.add_argument("--replace", action="store_true", help="write over a file that exists")
-    new.add_argument("--depth", type=Path, help="depth of the image: 16-bit PNG in millimetres, or .npy in metres")
-    new.add_argument("--reference", type=Path, metavar="EMPTY", help="picture of the empty table")
-    new.add_argument("--reference-depth", type=Path, metavar="D", help="depth of the empty table")
+    depth_options(new)
     new.add_argument(
         "--unit", choices=["m", "px"], default="px", help="m: photographed by the cell's own camera (px)"
     )

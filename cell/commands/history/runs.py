@@ -12,7 +12,7 @@ from typing import Any
 from foldcell.cell.commands.options import count, logs_option
 from foldcell.cell.commands.output import answer, table
 from foldcell.cell.journal.checkpoint_file import has_checkpoint
-from foldcell.cell.journal.journal import Intent, Journal, JournalRun
+from foldcell.cell.journal.journal import Intent, Journal, JournalRun, performed
 from foldcell.cell.record.run_record import Ending, ending_of
 from foldcell.cell.record.words import plain
 from foldcell.cell.support.files.paths import command_for, journal_path, logs_to_read
@@ -35,7 +35,8 @@ class ListedRun:
 
     @classmethod
     def of(cls, journal: Journal, run: JournalRun) -> ListedRun:
-        return cls(run, ending_of(run.summary), journal.last_intent(run.id) if run.ended is None else None)
+        begun = performed(journal.entries(run.id)) if run.ended is None else []
+        return cls(run, ending_of(run.summary), begun[-1] if begun else None)
 
     def as_json(self) -> dict[str, Any]:
         run, ending, last = self.run, self.ending, self.last

@@ -22,7 +22,7 @@ from foldcell.skills.perception.rectification.table_view import TableView
 from foldcell.skills.perception.segmentation.mask import Segmentation
 from foldcell.skills.vocabulary import Outcome
 
-__all__ = ["Look", "add_options", "look_at", "run", "write_refused"]
+__all__ = ["Look", "add_options", "depth_options", "look_at", "run", "write_refused"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,17 +42,22 @@ class Look:
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("image", type=Path, metavar="IMAGE", help="colour picture from the cell's camera")
-    parser.add_argument(
-        "--depth", type=Path, help="depth of the image: 16-bit PNG in millimetres, or .npy in metres"
-    )
+    depth_options(parser)
     parser.add_argument("--garment", default="auto", metavar="G", help="the expected garment, or auto (auto)")
-    parser.add_argument("--reference", type=Path, metavar="EMPTY", help="picture of the empty table")
-    parser.add_argument("--reference-depth", type=Path, metavar="D", help="depth of the empty table")
     parser.add_argument("--output", type=Path, metavar="PNG", help="the overlay (IMAGE-perceived.png)")
     parser.add_argument(
         "--unit", choices=["m", "px"], default="m", help="px: photographed from above by an unknown camera (m)"
     )
     cell_option(parser)
+
+
+def depth_options(parser: argparse.ArgumentParser) -> None:
+    """Add what may be given beside the image: its depth, and the empty table."""
+    parser.add_argument(
+        "--depth", type=Path, help="depth of the image: 16-bit PNG in millimetres, or .npy in metres"
+    )
+    parser.add_argument("--reference", type=Path, metavar="EMPTY", help="picture of the empty table")
+    parser.add_argument("--reference-depth", type=Path, metavar="D", help="depth of the empty table")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from foldcell.robots.ports import Array
 from foldcell.skills.compiled import cached
 
-__all__ = ["Raster", "darken", "draw_cloth", "raster_cloth", "raster_shadow", "vertex_normals"]
+__all__ = ["Raster", "darken", "draw_cloth", "raster_cloth", "raster_shadow"]
 
 Picture = NDArray[np.uint8]
 Colour = tuple[int, int, int]
@@ -53,22 +53,11 @@ def raster_shadow(
 ) -> NDArray[np.float32]:
     """Return the shadow (shape) of triangles, 0 (none) to 1, with a soft edge. pixels: (n, 2) corners [px];
     softness: standard deviation of the blur [px]."""
-    mask = np.zeros(shape, np.uint8)
-    _fill(np.ascontiguousarray(pixels[:, :2]), triangles.astype(np.int64), mask)
-    soft = cv2.GaussianBlur(mask, (0, 0), softness)
+    flat, even = np.column_stack([pixels[:, :2], np.zeros(len(pixels))]), np.ones(len(pixels))
+    depth, tone, front = np.full(shape, np.inf, np.float32), np.empty(shape, np.float32), np.empty(shape, np.uint8)
+    _rasterise(flat, triangles.astype(np.int64), even, even, depth, tone, front)
+    soft = cv2.GaussianBlur(np.where(np.isfinite(depth), 255, 0).astype(np.uint8), (0, 0), softness)
     return np.asarray(soft, dtype=np.float32) / np.float32(255.0)
-
-
-def vertex_normals(vertices: Array, triangles: NDArray[np.integer]) -> Array:
-    """Return the unit normals (n, 3) at the vertices, weighted by the areas of the triangles."""
-    a, b, c = (vertices[triangles[:, k]] for k in range(3))
-    face = np.cross(b - a, c - a)
-    count = len(vertices)
-    normal = np.zeros_like(vertices)
-    for axis in range(3):
-        for k in range(3):
-            normal[:, axis] += np.bincount(triangles[:, k], face[:, axis], count)
-    return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
 
 
 def _without_slivers(front: NDArray[np.uint8], cloth: NDArray[np.bool_], sliver: int) -> NDArray[np.uint8]:
@@ -113,26 +102,6 @@ def _rasterise(p, triangles, shade, facing, depth, tone, front):  # type: ignore
                     depth[row, column] = z
                     tone[row, column] = a * shade[i] + b * shade[j] + c * shade[k]
                     front[row, column] = side
-
-
-@cached()
-def _fill(p, triangles, mask):  # type: ignore[no-untyped-def]
-    """Fill triangles with 255. p: (n, 2) corners [px]; mask: (H, W) result."""
-    height, width = mask.shape
-    for m in range(triangles.shape[0]):
-        i, j, k = triangles[m, 0], triangles[m, 1], triangles[m, 2]
-        x0, y0, x1, y1, x2, y2 = p[i, 0], p[i, 1], p[j, 0], p[j, 1], p[k, 0], p[k, 1]
-        area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
-        if abs(area) < 1e-9:
-            continue
-        left, right = max(0, int(min(x0, x1, x2))), min(width - 1, int(max(x0, x1, x2)) + 1)
-        top, bottom = max(0, int(min(y0, y1, y2))), min(height - 1, int(max(y0, y1, y2)) + 1)
-        for row in range(top, bottom + 1):
-            for column in range(left, right + 1):
-                b = ((column - x0) * (y2 - y0) - (x2 - x0) * (row - y0)) / area
-                c = ((x1 - x0) * (row - y0) - (column - x0) * (y1 - y0)) / area
-                if b >= -1e-6 and c >= -1e-6 and b + c <= 1.0 + 1e-6:
-                    mask[row, column] = 255
 
 
 @cached()

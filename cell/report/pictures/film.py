@@ -86,7 +86,7 @@ def draw_hold(
     """Draw a hold. share: the hold's part of all recorded frames, and so of the film (0..1)."""
     chosen = [hold[i] for i in spread(len(hold), max(6, round(FRAMES * share)))]
     frames = [KeyFrame(vertices, tools) for _, vertices, tools in chosen]
-    pictures = fold_strip(frames, triangles, size=SIZE, scenery=scenery, view=view)
+    pictures = fold_strip(frames, triangles, view, scenery)
     return DrawnHold(name, tuple(t for t, *_ in chosen), tuple(pictures))
 
 

@@ -21,9 +21,9 @@ from foldcell.cell.report.pictures.cloth_raster import (
     draw_cloth,
     raster_cloth,
     raster_shadow,
-    vertex_normals,
 )
 from foldcell.robots.ports import Array, Side
+from foldcell.skills.fold_figures.vertex_normals import vertex_normals
 from foldcell.skills.vocabulary import Table
 
 __all__ = [
@@ -132,7 +132,7 @@ def draw_frame(
     frame: KeyFrame, triangles: NDArray[np.integer], view: View, scenery: Scenery | None = None
 ) -> Picture:
     """Draw one picture (H, W, 3). triangles: (m, 3)."""
-    return fold_strip([frame], triangles, scenery=scenery or Scenery(), view=view)[0]
+    return fold_strip([frame], triangles, view, scenery or Scenery())[0]
 
 
 def motion_view(
@@ -148,18 +148,10 @@ def motion_view(
 def fold_strip(
     frames: Sequence[KeyFrame],
     triangles: NDArray[np.integer],
-    arcs: Sequence[Array] = (),
-    table: Table | None = None,
-    size: tuple[int, int] = (300, 230),
-    scenery: Scenery | None = None,
-    view: View | None = None,
+    view: View,
+    scenery: Scenery,
 ) -> list[Picture]:
-    """Draw one picture per frame. All have the same view: `view`, or a view that shows the whole motion. size:
-    width, height [px]. scenery: instead of `arcs` and `table` alone."""
-    if not frames:
-        return []
-    scenery = scenery or Scenery(table, arcs)
-    view = view or motion_view(frames, scenery.arcs, size)
+    """Draw one picture per frame, all from the same view. triangles: (m, 3)."""
     background = _background(view.scaled(SUPERSAMPLE), scenery)
     dashes = [] if scenery.tape is None else dashed(_closed(scenery.tape), DASH)
     with ThreadPoolExecutor(WORKERS) as workers:

@@ -21,7 +21,7 @@ Picture = NDArray[np.uint8]
 SIZE = 460, 360
 """Width and height of one panel [px]."""
 PAD, HEAD, FOOT = 24, 30, 30
-_INK, _CLOTH, _LAYER = (40, 44, 52), (214, 226, 240), (150, 70, 190)
+_INK, _CLOTH = (40, 44, 52), (214, 226, 240)
 _GOOD, _BAD, _PLANNED = (36, 140, 60), (208, 52, 44), (40, 160, 80)
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 

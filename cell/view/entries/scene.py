@@ -19,6 +19,7 @@ from foldcell.cell.support.files.encoded_picture import jpeg_file
 from foldcell.cell.view.entries import style
 from foldcell.cell.view.entries.entry import Entry, Log
 from foldcell.robots.ports import Array, CameraFrame, Side, arm_slice
+from foldcell.skills.fold_figures.vertex_normals import vertex_normals
 from foldcell.skills.perception.rectification.table_view import TableView
 from foldcell.skills.vocabulary import CameraCalibration, FoldStep, GarmentState, GraspId, PredictedShape, Table
 
@@ -26,8 +27,7 @@ __all__ = [
     "CAMERA", "EYE", "LOOK_AT", "TABLE", "TRUTH", "adapted_entries", "arc_entries", "camera_entries",
     "candidate_entries", "cell_entries", "facing_normals", "joint_names_entries", "jpeg", "log_entries",
     "mask_entries", "observed_entries", "perception_entries", "plan_entries", "predicted_entries", "state_entries",
-    "truth_entries", "vertex_normals",
-]  # fmt: skip
+    "truth_entries", ]  # fmt: skip
 
 TABLE = "world/table"
 CAMERA = f"{TABLE}/camera"
@@ -271,15 +271,6 @@ def _mesh(vertices: Array, triangles: NDArray, colour: tuple[int, ...]) -> rr.Me
         vertex_normals=facing_normals(vertices, triangles).astype(np.float32),
         albedo_factor=colour,
     )
-
-
-def vertex_normals(vertices: Array, triangles: NDArray) -> Array:
-    """Return unit normals (n, 3): the mean of the triangles around a vertex, weighted by their area."""
-    a, b, c = (vertices[triangles[:, k]] for k in range(3))
-    normal = np.zeros_like(vertices)
-    for k in range(3):
-        np.add.at(normal, triangles[:, k], np.cross(b - a, c - a))
-    return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
 
 
 def facing_normals(vertices: Array, triangles: NDArray) -> Array:

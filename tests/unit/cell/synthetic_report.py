@@ -9,7 +9,7 @@ import synthetic_run as show
 from foldcell.cell.record.run_record import FoldRecord, GraspRecord, RunEvent, RunRecord
 from foldcell.cell.report.page import FoldPictures, ReportPictures
 from foldcell.cell.report.pictures.film import CaptionedPicture
-from foldcell.cell.report.pictures.fold_pictures import KeyFrame, fold_strip
+from foldcell.cell.report.pictures.fold_pictures import KeyFrame, Scenery, fold_strip, motion_view
 from foldcell.robots.errors import FailureKind
 from foldcell.skills.fold_figures.outline import outline
 from tests.builders.records import run_record, score_record
@@ -69,7 +69,8 @@ def report_pictures() -> ReportPictures:
             )
             for k in range(6)
         ]
-        pictures = fold_strip(frames, towel.triangles, list(arcs.values()), show.TABLE)
+        paths = list(arcs.values())
+        pictures = fold_strip(frames, towel.triangles, motion_view(frames, paths), Scenery(show.TABLE, paths))
         vertices = frames[-1].vertices
         predicted = outline(vertices, towel.triangles)
         folds[step.name] = FoldPictures(

@@ -29,7 +29,17 @@ from foldcell.cell.record.run_record import (
 from foldcell.cell.record.words import verdict
 from foldcell.cell.report.page import ReportPictures, render
 from foldcell.cell.report.pictures.film import CaptionedPicture, FilmFrame, encode_film
-from foldcell.cell.report.pictures.fold_pictures import BACK, FRONT, KeyFrame, View, draw_frame, fold_strip, join
+from foldcell.cell.report.pictures.fold_pictures import (
+    BACK,
+    FRONT,
+    KeyFrame,
+    Scenery,
+    View,
+    draw_frame,
+    fold_strip,
+    join,
+    motion_view,
+)
 from foldcell.cell.report.pictures.outline_drawing import outline_drawing
 from foldcell.cell.report.pictures.recorded_holds import held_during
 from foldcell.cell.report.report import report as write_report
@@ -251,7 +261,9 @@ def test_a_fold_strip_has_one_picture_per_frame_and_shows_the_arcs():
         KeyFrame(show.turned(vertices, step.line, a, 0.003), {Side.LEFT: arcs[Side.LEFT][0]}, f"{a:.1f}")
         for a in np.linspace(0, np.pi, 6)
     ]
-    pictures = fold_strip(frames, towel.triangles, list(arcs.values()), show.TABLE, (240, 180))
+    paths = list(arcs.values())
+    view = motion_view(frames, paths, (240, 180))
+    pictures = fold_strip(frames, towel.triangles, view, Scenery(show.TABLE, paths))
     assert [p.shape for p in pictures] == [(180, 240, 3)] * 6
     for p in pictures:
         r, g, b = (p[:, :, k].astype(int) for k in range(3))
@@ -259,7 +271,7 @@ def test_a_fold_strip_has_one_picture_per_frame_and_shows_the_arcs():
     assert not np.array_equal(pictures[0], pictures[3])
     joined = join(pictures, [f.caption for f in frames])
     assert joined.shape[1] == 6 * 240 + 5 * 6
-    assert fold_strip([], towel.triangles) == []
+    assert fold_strip([], towel.triangles, view, Scenery()) == []
 
 
 def test_the_page_takes_pictures_of_any_width() -> None:

@@ -34,6 +34,7 @@ from foldcell.cell.view.entries.robot import RobotFigure
 from foldcell.cell.view.recorder import Recorder
 from foldcell.robots.baxter.robot import ROBOT, load_model
 from foldcell.robots.ports import JointState, Side
+from foldcell.skills.fold_figures.vertex_normals import vertex_normals
 from foldcell.skills.vocabulary import PredictedShape
 
 
@@ -414,7 +415,7 @@ def test_the_normals_of_a_sphere_point_outwards():
     a, b = (i * 60 + j).ravel(), (i * 60 + (j + 1) % 60).ravel()
     triangles = np.vstack([np.column_stack([a, a + 60, b]), np.column_stack([b, a + 60, b + 60])])
     inside = slice(60, -60)
-    normals = scene.vertex_normals(points, triangles)[inside]
+    normals = vertex_normals(points, triangles)[inside]
     assert np.einsum("ij,ij->i", normals, points[inside]).min() > 0.995
     facing = scene.facing_normals(points, triangles)
     assert (facing @ scene.TOWARDS_EYE).min() >= -1e-12
