@@ -25,7 +25,7 @@ import cv2
 import numpy as np
 
 from foldcell.calibration.shear import clip_and_lowest
-from foldcell.cell.commands.output import table
+from foldcell.cell.commands.shared import table
 from foldcell.cell.config.garments.garment_file import load_garment
 from foldcell.robots.ports import Array
 from foldcell.skills.garments.picture_measure import mirror_images

@@ -14,7 +14,7 @@ from collections import Counter
 import numpy as np
 
 from benchmarks.motion.workload import tasks
-from foldcell.cell.commands.output import table
+from foldcell.cell.commands.shared import table
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.robots.registry import find_robot
 from foldcell.skills.motion.moves.fold import plan_fold_motion

@@ -69,7 +69,7 @@ def flag(value: object, name: str) -> bool:
 
 def text(value: object, name: str) -> str:
     """Return a text that can be written as UTF-8."""
-    from foldcell.cell.support.files.names import checked_name
+    from foldcell.cell.support.files.paths import checked_name
 
     if not isinstance(value, str):
         raise ConfigurationError(f"{name}: {value!r} is no text", "give a str")

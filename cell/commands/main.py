@@ -16,8 +16,8 @@ from contextlib import suppress
 from typing import Any, NoReturn
 
 from foldcell.cell.commands.exit_codes import USAGE, framed
-from foldcell.cell.commands.options import add_command, performed_by
-from foldcell.cell.support.files.names import checked_name
+from foldcell.cell.commands.shared import add_command, performed_by
+from foldcell.cell.support.files.paths import checked_name
 
 __all__ = ["build_parser", "main"]
 

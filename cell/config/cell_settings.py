@@ -25,7 +25,7 @@ from foldcell.cell.config.calibration_file import (
     load_tactile_thresholds,
 )
 from foldcell.cell.config.yaml_file import Document, Key, merge, read_yaml, validated
-from foldcell.cell.support.files.names import checked_name
+from foldcell.cell.support.files.paths import checked_name
 from foldcell.robots.errors import ConfigurationError
 from foldcell.robots.registry import list_robots
 from foldcell.robots.ros.driver import CameraTopics, Network, RosSettings

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -70,13 +71,6 @@ class CellConstants:
         return cls(ports.driver, ports.simulated, float(ports.arms.command_timeout), openings)
 
 
-class _Port:
-    """A port with the given methods and attributes."""
-
-    def __init__(self, **members: Any) -> None:
-        self.__dict__.update(members)
-
-
 def build_ports(
     constants: CellConstants, method: Callable[[Channel, tuple[Side, ...]], Callable[..., Any]], stop: Stop
 ) -> Ports:
@@ -88,7 +82,7 @@ def build_ports(
 
     def port(name: str, *sides: Side, **attributes: Any) -> Any:
         methods = {c.method: method(c, sides) for c in Channel if c.port == name}
-        return _Port(**methods, **attributes)
+        return SimpleNamespace(**methods, **attributes)
 
     openings = constants.max_opening
     return Ports(

@@ -8,7 +8,6 @@ reports of the runs.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -30,15 +29,6 @@ GALLERY = 60
 """Maximum number of failures that the page shows with a picture."""
 THUMBNAIL = 240
 """Width of the picture of a failure [px]."""
-
-
-@dataclass(frozen=True)
-class RunLine:
-    """One run on the page. report: path relative to the campaign's folder; picture: data URI or empty."""
-
-    trial: Trial
-    report: str
-    picture: str = ""
 
 
 def campaign_page(folder: CampaignFolder, results: CampaignResults) -> str:
@@ -70,9 +60,9 @@ def campaign_page(folder: CampaignFolder, results: CampaignResults) -> str:
             _values(trials, several, lambda t: None if t.height_m is None else 1e3 * t.height_m), "mm",
             "heights of the folded stacks",
         ),
-        failures=[RunLine(t, folder.report(t), _thumbnail(folder, t)) for t in failures[:GALLERY]],
+        failures=[(t, folder.report(t), _thumbnail(folder, t)) for t in failures[:GALLERY]],
         more_failures=len(failures) - GALLERY,
-        runs=[RunLine(t, folder.report(t)) for t in trials],
+        runs=[(t, folder.report(t)) for t in trials],
     )  # fmt: skip
 
 

@@ -21,7 +21,7 @@ from foldcell.cell.commands.calibrate.run_on_cell import (
     camera_provenance,
     mm,
 )
-from foldcell.cell.commands.options import Commands, count
+from foldcell.cell.commands.shared import Commands, count
 from foldcell.cell.config.calibration_file import calibration_text, table_text, tactile_text
 from foldcell.cell.config.cell_settings import CellSettings
 from foldcell.cell.hardware.camera import camera_calibration

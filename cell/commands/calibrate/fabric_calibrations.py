@@ -17,7 +17,7 @@ from foldcell.cell.commands.calibrate.run_on_fabric import (
     add_garment_action,
     provenance,
 )
-from foldcell.cell.commands.options import Commands
+from foldcell.cell.commands.shared import Commands
 from foldcell.robots.errors import ConfigurationError
 from foldcell.skills.cloth.elasticity import flexural_rigidity, membrane_modulus
 from foldcell.skills.garments.garment import Garment

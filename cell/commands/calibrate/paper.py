@@ -10,8 +10,7 @@ from pathlib import Path
 from foldcell.calibration.shear import ShearCalibration, clip_and_lowest
 from foldcell.cell.commands.calibrate.fabric_calibrations import hang_test, modulus, tilt_test
 from foldcell.cell.commands.calibrate.run_on_fabric import add_action, check_output, provenance
-from foldcell.cell.commands.options import Commands
-from foldcell.cell.commands.output import answer, table, teller
+from foldcell.cell.commands.shared import Commands, answer, table, teller
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.config.garments.garment_file import load_garment, shipped_garment_path
 from foldcell.cell.config.garments.material_file import with_material

@@ -11,8 +11,16 @@ from typing import Any
 
 from foldcell.calibration.effects import Procedure
 from foldcell.cell.calibrating.session import CalibrationEnd, CalibrationRequest, calibrate
-from foldcell.cell.commands.options import Commands, add_command, cell_option, driver_option, logs_option, seed
-from foldcell.cell.commands.output import answer, teller
+from foldcell.cell.commands.shared import (
+    Commands,
+    add_command,
+    answer,
+    cell_option,
+    driver_option,
+    logs_option,
+    seed,
+    teller,
+)
 from foldcell.cell.config.calibration_file import read_camera_file
 from foldcell.cell.config.cell_settings import CellSettings, load_settings
 from foldcell.cell.hardware.cell_check import refuse_unfit_cell

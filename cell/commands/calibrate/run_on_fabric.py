@@ -10,8 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from foldcell.cell.commands.options import Commands, add_command, cell_option, logs_option
-from foldcell.cell.commands.output import answer, teller
+from foldcell.cell.commands.shared import Commands, add_command, answer, cell_option, logs_option, teller
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.config.garments.garment_file import garment_path, load_garment, shipped_garment_path
 from foldcell.cell.config.garments.material_file import with_material

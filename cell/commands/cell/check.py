@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from foldcell.cell.commands.options import Commands, add_command, cell_option
-from foldcell.cell.commands.output import answer, table, write_drawing
+from foldcell.cell.commands.shared import Commands, add_command, answer, cell_option, table, write_drawing
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.config.garments.garment_file import load_garment
 from foldcell.cell.hardware.cell_check import cell_findings

@@ -9,8 +9,15 @@ from typing import Any
 import numpy as np
 
 from foldcell.cell.commands.garment.garment_drawing import draw_option, drawn
-from foldcell.cell.commands.options import Commands, add_command, cell_option, logs_option
-from foldcell.cell.commands.output import answer, refuse_drawing, write_drawing
+from foldcell.cell.commands.shared import (
+    Commands,
+    add_command,
+    answer,
+    cell_option,
+    logs_option,
+    refuse_drawing,
+    write_drawing,
+)
 from foldcell.cell.config.cell_settings import CellSettings, load_settings
 from foldcell.cell.config.garments.garment_file import load_garment
 from foldcell.cell.hardware.cell_check import refuse_unfit_cell

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from foldcell.cell.commands.output import teller
+from foldcell.cell.commands.shared import teller
 from foldcell.cell.commands.skill.perceive import Look
 from foldcell.cell.config.garments.key_points_file import key_points_text, read_key_points
 from foldcell.cell.hardware.photograph import Photograph

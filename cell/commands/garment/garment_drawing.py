@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from foldcell.cell.commands.output import write_drawing
+from foldcell.cell.commands.shared import write_drawing
 from foldcell.skills.garments.garment import Garment
 
 __all__ = ["draw_option", "drawn", "figures", "size"]

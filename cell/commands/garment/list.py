@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 
 from foldcell.cell.commands.garment.garment_drawing import figures, size
-from foldcell.cell.commands.options import Commands, add_command, cell_option
-from foldcell.cell.commands.output import answer, table
+from foldcell.cell.commands.shared import Commands, add_command, answer, cell_option, table
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.config.garments.garment_file import list_garments, load_garment
 

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from foldcell.calibration.shear import clip_and_lowest
-from foldcell.cell.commands.options import Commands, add_command, cell_option, page_options
-from foldcell.cell.commands.output import answer
+from foldcell.cell.commands.shared import Commands, add_command, answer, cell_option, page_options
 from foldcell.cell.commands.skill.perceive import depth_options, look_at, write_refused
 from foldcell.cell.config.cell_settings import CellSettings, load_settings
 from foldcell.cell.config.garments.garment_file import load_garment

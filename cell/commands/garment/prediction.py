@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from foldcell.cell.commands.output import progress_stream, write_drawing
+from foldcell.cell.commands.shared import progress_stream, write_drawing
 from foldcell.cell.config.cell_settings import CellSettings
 from foldcell.cell.config.trajectory_library.ideal_heights_file import ideal_heights_of
 from foldcell.cell.config.trajectory_library.library_file import load_library, user_library_path

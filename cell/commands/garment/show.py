@@ -7,8 +7,7 @@ import math
 from collections.abc import Iterator
 
 from foldcell.cell.commands.garment.garment_drawing import draw_option, drawn, figures, size
-from foldcell.cell.commands.options import Commands, add_command, cell_option
-from foldcell.cell.commands.output import answer
+from foldcell.cell.commands.shared import Commands, add_command, answer, cell_option
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.config.garments.garment_file import load_garment
 from foldcell.skills.garments.garment import Garment

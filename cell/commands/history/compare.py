@@ -10,8 +10,7 @@ from pathlib import Path
 from foldcell.cell.campaigns.statistics.comparison import Comparison, compare_trials
 from foldcell.cell.campaigns.trials.store import CampaignFolder, changed_versions, is_campaign
 from foldcell.cell.campaigns.trials.trial import Trial
-from foldcell.cell.commands.options import logs_option
-from foldcell.cell.commands.output import answer, table
+from foldcell.cell.commands.shared import answer, logs_option, table
 from foldcell.cell.journal.journal import Journal
 from foldcell.cell.record.words import difference, garment_name, value_in_words
 from foldcell.cell.runs.run_difference import Difference, RunDifference, run_difference

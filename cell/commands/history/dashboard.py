@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 import threading
 
-from foldcell.cell.commands.options import logs_option, port
-from foldcell.cell.commands.output import answer
+from foldcell.cell.commands.shared import answer, logs_option, port
 from foldcell.cell.support.files.paths import logs_directory
 from foldcell.robots.errors import StorageError
 

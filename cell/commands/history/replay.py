@@ -10,8 +10,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from foldcell.cell.commands.options import logs_option, run_name
-from foldcell.cell.commands.output import answer, progress_stream
+from foldcell.cell.commands.shared import answer, logs_option, progress_stream, run_name
 from foldcell.cell.journal.journal import Entry, Journal, JournalRun
 from foldcell.cell.support.files.paths import journal_path, logs_directory
 from foldcell.cell.view.viewing.viewer import find_viewer, silent_environment

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from foldcell.cell.commands.options import count, logs_option
-from foldcell.cell.commands.output import answer, table
+from foldcell.cell.commands.shared import answer, count, logs_option, table
 from foldcell.cell.journal.checkpoint_file import has_checkpoint
 from foldcell.cell.journal.journal import Intent, Journal, JournalRun, performed
 from foldcell.cell.record.run_record import Ending, ending_of

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from foldcell.cell.commands.options import count, logs_option
-from foldcell.cell.commands.output import answer, table
+from foldcell.cell.commands.shared import answer, count, logs_option, table
 from foldcell.cell.runs.pruning import prunable_runs, prune
 from foldcell.cell.support.files.paths import logs_to_read
 

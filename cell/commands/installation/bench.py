@@ -12,7 +12,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from foldcell.cell.commands.output import answer, table, teller
+from foldcell.cell.commands.shared import answer, table, teller
 from foldcell.cell.config.garments.garment_file import load_garment
 from foldcell.robots.errors import ConfigurationError
 
@@ -95,17 +95,11 @@ def _shown(value: Any) -> str:
 
 
 def _machine() -> dict[str, Any]:
+    from foldcell.cell.campaigns.trials.store import cpu_model
+
     return {
-        "cpu": _cpu_name(),
+        "cpu": cpu_model(),
         "cores": os.cpu_count(),
         "system": platform.platform(),
         "python": platform.python_version(),
     }
-
-
-def _cpu_name() -> str:
-    try:
-        with open("/proc/cpuinfo", encoding="utf-8") as file:
-            return next(line.split(":", 1)[1].strip() for line in file if line.startswith("model name"))
-    except (OSError, StopIteration):
-        return platform.processor()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from foldcell.cell.commands.output import answer
+from foldcell.cell.commands.shared import answer
 from foldcell.cell.executive.draw_state_chart import draw_chart
 from foldcell.cell.states.state_chart import CHART
 from foldcell.cell.support.files.own_file import refuse_foreign

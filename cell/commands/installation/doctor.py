@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 
 from foldcell.cell.commands.installation.checks import Verdict, examine
-from foldcell.cell.commands.options import logs_option
-from foldcell.cell.commands.output import answer, table
+from foldcell.cell.commands.shared import answer, logs_option, table
 from foldcell.cell.support.files.paths import logs_directory
 
 __all__ = ["add_options", "run"]

@@ -7,8 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from foldcell.cell.commands.options import Commands, add_command, cell_option, folder
-from foldcell.cell.commands.output import answer, table, teller
+from foldcell.cell.commands.shared import Commands, add_command, answer, cell_option, folder, table, teller
 from foldcell.cell.config.cell_settings import CellSettings, load_settings
 from foldcell.cell.hardware.cell_check import robot_findings
 from foldcell.cell.hardware.contract.clauses import CLAUSES, ClauseResult, check_driver

@@ -10,8 +10,15 @@ from pathlib import Path
 
 from foldcell.cell.campaigns.executors import chosen_workers
 from foldcell.cell.commands.library.show import figures
-from foldcell.cell.commands.options import Commands, add_command, cell_option, count, logs_option
-from foldcell.cell.commands.output import answer, progress_stream
+from foldcell.cell.commands.shared import (
+    Commands,
+    add_command,
+    answer,
+    cell_option,
+    count,
+    logs_option,
+    progress_stream,
+)
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.config.garments.garment_file import list_garments, load_garment
 from foldcell.cell.config.trajectory_library.ideal_heights_file import (

@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from foldcell.cell.commands.options import Commands, add_command, cell_option, logs_option
-from foldcell.cell.commands.output import answer, table
+from foldcell.cell.commands.shared import Commands, add_command, answer, cell_option, logs_option, table
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.config.trajectory_library.library_file import load_library
 from foldcell.cell.support.files.paths import logs_directory

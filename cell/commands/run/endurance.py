@@ -16,8 +16,8 @@ from foldcell.cell.campaigns.trials.endurance import (
     growths,
     random_requests,
 )
-from foldcell.cell.commands.output import answer, table, teller
 from foldcell.cell.commands.run.perform import first_seed
+from foldcell.cell.commands.shared import answer, table, teller
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.hardware.placement import refuse_unfit_folds
 from foldcell.cell.record.words import garment_name

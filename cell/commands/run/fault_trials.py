@@ -15,8 +15,8 @@ from foldcell.cell.campaigns.page.fault_page import PAGE, write_fault_results
 from foldcell.cell.campaigns.trials.campaign import distinct_garments
 from foldcell.cell.campaigns.trials.store import CampaignFolder
 from foldcell.cell.campaigns.trials.trial import Trial
-from foldcell.cell.commands.output import answer, table
 from foldcell.cell.commands.run.perform import first_seed, new_campaign, perform, resumed_campaign
+from foldcell.cell.commands.shared import answer, table
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.record.words import garment_name, interval
 from foldcell.cell.support.files.whole_file import write_whole

@@ -6,8 +6,7 @@ import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
-from foldcell.cell.commands.options import run_options
-from foldcell.cell.commands.output import answer
+from foldcell.cell.commands.shared import answer, run_options
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.config.garments.garment_file import load_garment
 from foldcell.cell.journal.checkpoint_file import has_checkpoint

@@ -13,15 +13,19 @@ from typing import Any
 
 from foldcell.cell.campaigns.hil.script import Script, read_script
 from foldcell.cell.campaigns.hil.script_run import ScriptResult, check_script, run_script
-from foldcell.cell.commands.options import cell_option, driver_options, logs_option
-from foldcell.cell.commands.output import answer, teller
 from foldcell.cell.commands.run.ladder import LADDER, SPEEDS, run_ladder
+from foldcell.cell.commands.shared import answer, cell_option, driver_options, logs_option, teller
 from foldcell.cell.config.cell_settings import CellSettings, load_settings
 from foldcell.cell.hardware.driver_names import is_simulated
 from foldcell.cell.hardware.placement import refuse_unfit_folds
-from foldcell.cell.support.files.names import checked_name
 from foldcell.cell.support.files.own_file import refuse_foreign
-from foldcell.cell.support.files.paths import campaign_folder, logs_directory, prepare_logs, space_for
+from foldcell.cell.support.files.paths import (
+    campaign_folder,
+    checked_name,
+    logs_directory,
+    prepare_logs,
+    space_for,
+)
 from foldcell.cell.support.files.whole_file import write_whole
 from foldcell.cell.support.json_values import write_json
 from foldcell.cell.support.junit import JUnitCase, junit_text

@@ -9,7 +9,7 @@ from foldcell.cell.calibrating.session import CalibrationRequest
 from foldcell.cell.campaigns.ladder.climb import Passes, climb, write_results
 from foldcell.cell.campaigns.ladder.page import write_page
 from foldcell.cell.campaigns.ladder.steps import STEPS
-from foldcell.cell.commands.output import answer, confirmed, teller
+from foldcell.cell.commands.shared import answer, confirmed, teller
 from foldcell.cell.config.cell_settings import CellSettings, load_settings
 from foldcell.cell.hardware.driver_names import is_simulated
 from foldcell.cell.support.files.own_file import refuse_foreign

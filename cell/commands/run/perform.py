@@ -15,7 +15,7 @@ from foldcell.cell.campaigns.trials.campaign import Campaign, TrialRequest
 from foldcell.cell.campaigns.trials.progress import CampaignProgress, described
 from foldcell.cell.campaigns.trials.store import CampaignFolder
 from foldcell.cell.campaigns.trials.trial import Trial
-from foldcell.cell.commands.output import teller
+from foldcell.cell.commands.shared import teller
 from foldcell.cell.hardware.placement import refuse_unfit_folds
 from foldcell.cell.support.files.paths import campaign_folder, command_for, logs_directory, prepare_logs, space_for
 from foldcell.robots.errors import ConfigurationError, StorageError

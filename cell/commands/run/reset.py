@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from foldcell.cell.commands.options import cell_option
-from foldcell.cell.commands.output import answer, confirmed
+from foldcell.cell.commands.shared import answer, cell_option, confirmed
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.hardware.driver import stop_circuit
 from foldcell.robots.errors import DriverError, FailureKind

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from foldcell.cell.commands.options import logs_option, run_name
 from foldcell.cell.commands.run.fold import tell
+from foldcell.cell.commands.shared import logs_option, run_name
 from foldcell.cell.journal.journal import Journal
 from foldcell.cell.support.files.paths import journal_path, logs_directory, prepare_logs
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from foldcell.cell.commands.options import page_options, run_options
 from foldcell.cell.commands.run.fold import run
+from foldcell.cell.commands.shared import page_options, run_options
 
 __all__ = ["add_options", "run"]
 

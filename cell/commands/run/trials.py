@@ -12,11 +12,19 @@ from foldcell.cell.campaigns.page.campaign_page import PAGE
 from foldcell.cell.campaigns.results import CampaignResults
 from foldcell.cell.campaigns.statistics.summary import ALL
 from foldcell.cell.campaigns.trials.campaign import Campaign, CampaignFile, campaign_of, read_campaign
-from foldcell.cell.commands.options import cell_option, count, driver_options, folder, logs_option, seed
-from foldcell.cell.commands.output import answer, table
 from foldcell.cell.commands.run.endurance import run_endurance
 from foldcell.cell.commands.run.fault_trials import TABLE, add_fault_options, run_fault_trials
 from foldcell.cell.commands.run.perform import first_seed, new_campaign, perform, resumed_campaign
+from foldcell.cell.commands.shared import (
+    answer,
+    cell_option,
+    count,
+    driver_options,
+    folder,
+    logs_option,
+    seed,
+    table,
+)
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.record.words import figure, garment_name, interval, percent
 from foldcell.robots.errors import ConfigurationError

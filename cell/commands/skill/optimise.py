@@ -7,8 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from foldcell.cell.commands.options import cell_option, count
-from foldcell.cell.commands.output import answer, progress_stream
+from foldcell.cell.commands.shared import answer, cell_option, count, progress_stream
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.config.garments.garment_file import load_garment
 from foldcell.cell.operator.progress.bar import ProgressBar

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from foldcell.cell.commands.options import cell_option
-from foldcell.cell.commands.output import answer
+from foldcell.cell.commands.shared import answer, cell_option
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.hardware.photograph import in_unit, perceive_photograph, read_photograph
 from foldcell.cell.support.files.encoded_picture import write_png

@@ -1,4 +1,4 @@
-"""Find the folders of logs and caches, and check that the logs can be written before anything moves."""
+"""Find the folders of logs and caches, and check names and the space for logs before anything moves."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
-from foldcell.cell.support.files.names import checked_name
 from foldcell.robots.errors import ConfigurationError, StorageError
 
 __all__ = [
     "JOURNAL_FILE",
     "campaign_folder",
+    "checked_name",
     "command_for",
     "free_bytes",
     "journal_path",
@@ -35,6 +35,20 @@ LEAST_FREE_BYTES = 200 * 2**20
 """Free space that a run requires [bytes]. Its recording and report take 35 to 110 MiB."""
 KEPT_BYTES = 35 * 2**20
 """Free space that each further run requires whose recording is kept [bytes]."""
+
+
+def checked_name(name: str, what: str) -> str:
+    """Return `name` unchanged. what: the argument or variable that holds it, for the message.
+
+    Raises ConfigurationError if it holds bytes that are no UTF-8 (which Python keeps as surrogates), or a zero
+    byte. Journal, pages and JSON could not hold the former, and no file has the latter.
+    """
+    shown = name.encode("utf-8", "backslashreplace").decode().replace("\0", "\\0")
+    if shown != name:
+        raise ConfigurationError(
+            f"{what}: the name '{shown}' is no UTF-8 text", "rename it, or take a copy with another name"
+        )
+    return name
 
 
 def logs_directory(option: Path | None = None, environment: Mapping[str, str] | None = None) -> Path:

@@ -1,9 +1,8 @@
 """The program files of Rerun's web viewer, so that the operator's page can serve them itself.
 
 Rerun's own server for these files answers on every network interface and reports to its makers, and its page loads
-fonts from elsewhere. The files are part of the installed package. Some wheels have them as `web_viewer.zip`. Other
-wheels have them inside the `rerun` program only. It then has to serve them once: on this machine only, with its
-reports turned off and without data. They are kept in the user's cache.
+fonts from elsewhere. The files are inside the `rerun` program only. It has to serve them once: on this machine
+only, with its reports turned off and without data. They are kept in the user's cache.
 """
 
 from __future__ import annotations
@@ -14,11 +13,8 @@ import subprocess
 import tempfile
 import time
 import urllib.request
-import zipfile
 from importlib.metadata import version
 from pathlib import Path
-
-import rerun as rr
 
 from foldcell.cell.support.files.paths import user_cache
 from foldcell.cell.view.live import free_port
@@ -47,20 +43,14 @@ def web_viewer_files(cache: Path | None = None) -> Path:
         with tempfile.TemporaryDirectory(dir=cache) as scratch:
             new = Path(scratch) / "files"
             new.mkdir()
-            archive = Path(rr.__file__).with_name("web_viewer.zip")
-            if archive.is_file():
-                with zipfile.ZipFile(archive) as packed:
-                    for name in FILES:
-                        packed.extract(name, new)
-            else:
-                _from_program(new, Path(scratch))
+            _from_program(new, Path(scratch))
             shutil.rmtree(folder, ignore_errors=True)
             try:
                 new.rename(folder)
             except OSError:  # another process was faster
                 if not folder.is_dir():
                     raise
-    except (OSError, KeyError, zipfile.BadZipFile) as e:
+    except OSError as e:
         raise StorageError(f"the files of Rerun's web viewer cannot be read: {e}", HINT) from e
     return folder
 

@@ -18,7 +18,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
-from foldcell.cell.commands.options import origin as page_origin
+from foldcell.cell.commands.shared import origin as page_origin
 from foldcell.cell.config.garments.garment_file import load_garment
 from foldcell.cell.operator.console.live_view import LiveView
 from foldcell.cell.operator.console.run_status import RunStatus
