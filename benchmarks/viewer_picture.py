@@ -14,8 +14,7 @@ import numpy as np
 from rerun.experimental import ViewerClient
 
 from foldcell.cell.view.entries.entry import TIMELINE
-from foldcell.cell.view.live import free_port
-from foldcell.cell.view.viewing.viewer import find_viewer
+from foldcell.cell.view.viewer import find_viewer, free_port
 from foldcell.robots.errors import CellError
 
 __all__ = ["screenshot"]

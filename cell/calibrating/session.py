@@ -37,8 +37,7 @@ from foldcell.cell.states.run_context import RunContext
 from foldcell.cell.states.transition_table import Event
 from foldcell.cell.support.files.whole_file import write_whole
 from foldcell.cell.support.json_values import write_json
-from foldcell.cell.support.process.interrupts import Interrupts
-from foldcell.cell.support.process.terminations import BY_SIGNAL
+from foldcell.cell.support.process.signals import BY_SIGNAL, Interrupts
 from foldcell.cell.view.recorder import Recorder
 from foldcell.robots.errors import (
     CellError,

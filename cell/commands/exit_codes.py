@@ -16,15 +16,15 @@ from contextlib import suppress
 from pathlib import Path
 
 from foldcell.cell.support.process.library_messages import quiet_libraries
+from foldcell.cell.support.process.signals import BY_SIGNAL, Terminated, unwinding
 from foldcell.cell.support.process.standard_streams import lasting_streams
-from foldcell.cell.support.process.terminations import BY_SIGNAL, Terminated, unwinding
 from foldcell.robots.errors import CellError, ConfigurationError, StorageError
 
 __all__ = ["FAULT", "INTERRUPTED", "NOT_DONE", "OK", "USAGE", "framed"]
 
 OK, NOT_DONE, FAULT, USAGE, INTERRUPTED = 0, 2, 3, 64, 130
 """Exit codes, in this order: done; ended safe but not done; fault; bad usage, configuration or logs; SIGINT. The
-codes of SIGHUP (129) and SIGTERM (143) follow from BY_SIGNAL in cell/support/process/terminations.py."""
+codes of SIGHUP (129) and SIGTERM (143) follow from BY_SIGNAL in cell/support/process/signals.py."""
 
 UNUSABLE = frozenset({errno.ENAMETOOLONG, errno.EACCES, errno.EPERM})
 """Errors of a name that a user gave: too long for a file, or in a folder that may not be searched. Even asking

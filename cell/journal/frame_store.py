@@ -33,23 +33,19 @@ class FrameStore:
     def put(self, frame: CameraFrame) -> str:
         """Store a frame and return its name. The frame is on disk when the call returns. Raises StorageError."""
         with self._lock:
-            return self._put(frame)
-
-    def _put(self, frame: CameraFrame) -> str:
-        if frame in self._known:
-            return self._known[frame]
-        name = _name(frame)
-        path = self._path(name)
-        if not path.exists():
-            try:
-                self._folder.mkdir(exist_ok=True)
-            except OSError as e:
-                raise StorageError(
-                    f"{self._folder} cannot be created: {e.strerror}", "free some disk space"
-                ) from e
-            write_whole(path, packed(plain=np.array(_plain(frame)), rgb=frame.rgb, depth=frame.depth))
-        self._known[frame] = name
-        return name
+            if frame in self._known:
+                return self._known[frame]
+            name = _name(frame)
+            path = self._path(name)
+            if not path.exists():
+                try:
+                    self._folder.mkdir(exist_ok=True)
+                except OSError as e:
+                    what = f"{self._folder} cannot be created: {e.strerror}"
+                    raise StorageError(what, "free some disk space") from e
+                write_whole(path, packed(plain=np.array(_plain(frame)), rgb=frame.rgb, depth=frame.depth))
+            self._known[frame] = name
+            return name
 
     def get(self, name: str) -> CameraFrame:
         """The frame with this name. Raises StorageError if it is missing or damaged."""

@@ -21,7 +21,7 @@ from pydantic import BeforeValidator, TypeAdapter, ValidationError
 
 from foldcell.cell.states.transition_table import State
 from foldcell.cell.support.json_values import to_json, write_json
-from foldcell.cell.support.process.terminations import BY_SIGNAL
+from foldcell.cell.support.process.signals import BY_SIGNAL
 from foldcell.robots.errors import FailureKind, StorageError
 from foldcell.skills.perception.inspection.claim import Claim
 from foldcell.skills.scoring.verdict import Figure, Score

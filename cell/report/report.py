@@ -133,7 +133,7 @@ def _fold(note: FoldNote, hold: DrawnHold | None, drawing: RunDrawing) -> FoldPi
     if heights:
         made_from.append(f"heights: above the table; one tick of the bar is {length(TICK, 0)}")
     outlines = {
-        "original": [] if drawing.look.outline is None else [drawing.look.outline],
+        "original": [] if drawing.scenery.tape is None else [drawing.scenery.tape],
         "predicted": outline(attempt.predicted.vertices, attempt.predicted.triangles),
         "observed": [note.inspected.contour] if note.inspected is not None else [],
     }

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from importlib import metadata
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from foldcell.cell.executive.effects import EFFECTS
 from foldcell.cell.executive.runner import Runner
@@ -107,7 +107,7 @@ def decide_again(
         request = restored_request(run.directory, Path(scratch))
         try:
             answers = RecordedAnswers(transcript)
-            lines, replay = _replay(request, _Beginning.of(run, entries), answers, observers, tell, progress)
+            lines, replay = _replay(request, _beginning(run, entries), answers, observers, tell, progress)
         except NoRecordedAnswer as halt:  # the transcript cannot be read
             assert halt.trouble is not None
             raise halt.trouble from None
@@ -181,34 +181,23 @@ class _ReplayState:
             self.unrecorded = StorageError(failure.what, "make room for temporary files")
 
 
-@dataclass(frozen=True, eq=False)
-class _Beginning:
-    """The beginning of a run. lines: lines of its journal before the state machine's first line; context, first:
-    the runner's first context and event."""
-
-    lines: tuple[Entry, ...]
-    context: RunContext
-    first: Event
-
-    @classmethod
-    def of(cls, run: JournalRun, entries: Sequence[Entry]) -> Self:
-        """Read how a run began. Raises StorageError or ConfigurationError if the run's initial checkpoint cannot
-        be read."""
-        lines = tuple(e for e in entries[:1] if e.name == RESUMED_FROM)
-        checkpoint = initial_checkpoint(run.directory)
-        if lines and checkpoint is None:
-            raise StorageError(
-                f"the run {run.id} resumed another one, and its initial checkpoint is missing",
-                "decide the other run again, or a new one",
-            )
-        return (
-            cls(lines, RunContext(), Event.START) if checkpoint is None else cls(lines, checkpoint, Event.REENTER)
+def _beginning(run: JournalRun, entries: Sequence[Entry]) -> tuple[Sequence[Entry], RunContext, Event]:
+    """Return how a run began: the lines of its journal before the state machine's first line, and the runner's
+    first context and event. Raises StorageError or ConfigurationError if the run's initial checkpoint cannot be
+    read."""
+    lines = tuple(e for e in entries[:1] if e.name == RESUMED_FROM)
+    checkpoint = initial_checkpoint(run.directory)
+    if lines and checkpoint is None:
+        raise StorageError(
+            f"the run {run.id} resumed another one, and its initial checkpoint is missing",
+            "decide the other run again, or a new one",
         )
+    return (lines, RunContext(), Event.START) if checkpoint is None else (lines, checkpoint, Event.REENTER)
 
 
 def _replay(
     request: FoldRequest,
-    beginning: _Beginning,
+    beginning: tuple[Sequence[Entry], RunContext, Event],
     answers: RecordedAnswers,
     observers: tuple[Observer, ...],
     tell: Callable[[str], None],
@@ -217,14 +206,15 @@ def _replay(
     """Run the present program on the recorded answers. Returns the lines of the replay's own journal, and how the
     replay ended."""
     replay = _ReplayState()
+    earlier, context, first = beginning
     with Journal.open(journal_path(request.logs)) as journal:
         run = journal.begin_run(garment=request.garment, seed=request.seed, driver=request.driver)
         try:
-            for line in beginning.lines:
+            for line in earlier:
                 run.event(line.cell_time, line.state, line.name, line.payload)
             with _workcell(request, answers, tell, progress) as (cell, commands):
                 runner = Runner(cell, EFFECTS, run, commands, (replay, *observers))
-                replay.end = runner.run(beginning.context, beginning.first)
+                replay.end = runner.run(context, first)
         except NoRecordedAnswer as halt:
             replay.halt = halt
         finally:

@@ -38,7 +38,7 @@ from foldcell.cell.states.fold_request import FoldRequest
 from foldcell.cell.states.observers import Observer
 from foldcell.cell.states.run_context import RunContext, RunEnd
 from foldcell.cell.states.transition_table import Event, State
-from foldcell.cell.support.process.interrupts import Interrupts
+from foldcell.cell.support.process.signals import Interrupts
 from foldcell.robots.errors import FailureKind, StorageError
 from foldcell.robots.ports import Ports, Stop
 from foldcell.skills.scoring.verdict import Score

@@ -10,8 +10,8 @@ from pathlib import Path
 from foldcell.cell.config.cell_settings import CellSettings
 from foldcell.cell.journal.journal import Journal, RunJournal
 from foldcell.cell.support.files.paths import journal_path
-from foldcell.cell.support.process.interrupts import Interrupts, taking_signals
 from foldcell.cell.support.process.lock import OwnerLock
+from foldcell.cell.support.process.signals import Interrupts, taking_signals
 from foldcell.robots.errors import CellError
 
 __all__ = ["VERSIONED", "begun_run", "owned_cell"]

@@ -7,7 +7,8 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Set
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 
@@ -104,25 +105,14 @@ class RecordedAnswers:
 
     def watched_stop(self) -> Stop:
         """Return the stop that is polled while a skill computes. It may be polled any number of times."""
-        return _WatchedStop(self)
+        nothing: Callable[..., None] = lambda *_: None  # noqa: E731
+        return cast(Stop, SimpleNamespace(trigger=nothing, state=self.stop_ahead, reset=nothing))
 
     def _read(self) -> Exchange | None:
         try:
             return next(self._left, None)
         except StorageError as e:
             raise NoRecordedAnswer(trouble=e) from None
-
-
-@dataclass(frozen=True)
-class _WatchedStop:
-    _answers: RecordedAnswers
-
-    def trigger(self, reason: str) -> None: ...
-
-    def state(self) -> StopState:
-        return self._answers.stop_ahead()
-
-    def reset(self) -> None: ...
 
 
 class _Commands(CommandQueue):

@@ -17,15 +17,15 @@ from foldcell.cell.view.blueprint import layout
 from foldcell.cell.view.bounded_worker import BoundedWorker
 from foldcell.cell.view.entries.entry import Entry
 from foldcell.cell.view.streams import begin_stream
+from foldcell.cell.view.viewer import HOST, free_port
 
-__all__ = ["LiveStream", "free_port"]
+__all__ = ["LiveStream"]
 
 OnError = Callable[[BaseException], None]
 
 QUEUE = 400
 """Number of entries that may wait for a slow viewer: about five seconds of a run."""
 CLOSE_S = 2.0
-HOST, PORT = "127.0.0.1", 9876
 MEMORY = "512MiB"
 """Largest memory in which the server stores entries for viewers that connect later."""
 
@@ -70,15 +70,3 @@ class LiveStream:
     def _leave(self) -> None:
         if self._stream is not None:
             self._stream.disconnect()
-
-
-def free_port(wanted: int = PORT) -> int:
-    """Return the port `wanted` (by default Rerun's usual port) if it is free, else any free port."""
-    for port in (wanted, 0):
-        with socket.socket() as s:
-            try:
-                s.bind((HOST, port))
-            except OSError:
-                continue
-            return int(s.getsockname()[1])
-    return PORT

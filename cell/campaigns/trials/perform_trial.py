@@ -24,7 +24,7 @@ from foldcell.cell.states.fold_request import FoldRequest
 from foldcell.cell.support.files.whole_file import write_whole
 from foldcell.cell.support.process.lock import CellBusyError, OwnerLock
 from foldcell.cell.support.process.memory import return_free_memory
-from foldcell.cell.support.process.terminations import Terminated
+from foldcell.cell.support.process.signals import Terminated
 from foldcell.robots.errors import CellError, FailureKind, StorageError
 
 __all__ = ["Fold", "perform_trial"]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from foldcell.cell.commands.shared import answer, logs_option, progress_stream, run_name
 from foldcell.cell.journal.journal import Entry, Journal, JournalRun
 from foldcell.cell.support.files.paths import journal_path, logs_directory
-from foldcell.cell.view.viewing.viewer import find_viewer, silent_environment
+from foldcell.cell.view.viewer import find_viewer, silent_environment
 from foldcell.robots.errors import StorageError
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from importlib import import_module, metadata
 from pathlib import Path
 
 from foldcell.cell.support.files.paths import free_bytes, journal_path, repository_root, user_cache
-from foldcell.cell.view.viewing.viewer import find_viewer
+from foldcell.cell.view.viewer import find_viewer
 from foldcell.robots.errors import CellError
 from foldcell.robots.registry import find_robot, list_robots
 from foldcell.robots.ros.installation import PACKAGES, find_ros

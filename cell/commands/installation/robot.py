@@ -16,8 +16,7 @@ from foldcell.cell.hardware.contract.rig import Rig
 from foldcell.cell.support.files.own_file import refuse_foreign
 from foldcell.cell.support.files.whole_file import write_whole
 from foldcell.cell.support.junit import junit_text
-from foldcell.cell.support.process.interrupts import taking_signals
-from foldcell.cell.support.process.terminations import BY_SIGNAL
+from foldcell.cell.support.process.signals import BY_SIGNAL, taking_signals
 from foldcell.robots.errors import ConfigurationError, StorageError
 from foldcell.robots.registry import find_robot, list_robots
 from foldcell.robots.urdf.skeleton import skeleton_files

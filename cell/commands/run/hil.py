@@ -30,7 +30,7 @@ from foldcell.cell.support.files.whole_file import write_whole
 from foldcell.cell.support.json_values import write_json
 from foldcell.cell.support.junit import JUnitCase, junit_text
 from foldcell.cell.support.process.lock import OwnerLock
-from foldcell.cell.support.process.terminations import BY_SIGNAL, Terminated
+from foldcell.cell.support.process.signals import BY_SIGNAL, Terminated
 from foldcell.robots.errors import ConfigurationError
 
 __all__ = ["add_options", "run"]

@@ -16,7 +16,7 @@ from foldcell.cell.support.files.own_file import refuse_foreign
 from foldcell.cell.support.files.paths import campaign_folder, logs_directory, prepare_logs
 from foldcell.cell.support.files.whole_file import write_whole
 from foldcell.cell.support.junit import JUnitCase, junit_text
-from foldcell.cell.support.process.terminations import BY_SIGNAL
+from foldcell.cell.support.process.signals import BY_SIGNAL
 from foldcell.robots.errors import ConfigurationError
 
 __all__ = ["LADDER", "SPEEDS", "run_ladder"]

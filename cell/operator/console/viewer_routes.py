@@ -16,7 +16,7 @@ from starlette.responses import FileResponse, Response, StreamingResponse
 from starlette.routing import Route
 
 from foldcell.cell.operator.local_server import content_policy
-from foldcell.cell.view.viewing.web_viewer import web_viewer_files
+from foldcell.cell.view.viewer import web_viewer_files
 from foldcell.robots.errors import StorageError
 
 __all__ = ["recorded_view", "viewer_routes"]

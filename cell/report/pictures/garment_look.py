@@ -3,8 +3,6 @@ them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +13,7 @@ from foldcell.cell.states.run_context import RunContext
 from foldcell.robots.ports import Array, CameraFrame
 from foldcell.skills.vocabulary import CameraCalibration
 
-__all__ = ["GarmentLook", "garment_look", "outlined", "seen_colours"]
+__all__ = ["garment_look", "outlined", "seen_colours"]
 
 EDGE = 9
 """Pixels nearer to the garment's edge than half of this are not sampled: the edge mixes two colours [px]."""
@@ -28,23 +26,14 @@ DARKEST = 48.0
 """Folds of a black garment would not show: its lightest channel is raised to this."""
 
 
-@dataclass(frozen=True, eq=False)
-class GarmentLook:
-    """colours: of both sides. outline: (n, 2) of the flat garment, as it was laid, in the table frame [m]; None if
-    it was not seen."""
-
-    colours: ClothColours = CLOTH
-    outline: Array | None = None
-
-
-def garment_look(context: RunContext) -> GarmentLook:
-    """Return the look of the garment that the run has recognised."""
+def garment_look(context: RunContext) -> tuple[ClothColours, Array | None]:
+    """Return the colours of both sides of the garment that the run has recognised, and the outline (n, 2) of the
+    flat garment, as it was laid, in the table frame [m]; None if it was not seen."""
     if context.recognition is None:
-        return GarmentLook()
-    seen = context.recognition.perception
-    first = context.first_look
+        return CLOTH, None
+    seen, first = context.recognition.perception, context.first_look
     outline = seen.state.contour if first is None or len(first.contour) < 3 else first.contour
-    return GarmentLook(seen_colours(seen.rgb, seen.mask), np.asarray(outline))
+    return seen_colours(seen.rgb, seen.mask), np.asarray(outline)
 
 
 def outlined(frame: CameraFrame, calibration: CameraCalibration | None, outline: Array | None) -> Picture:

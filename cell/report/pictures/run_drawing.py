@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from foldcell.cell.record.words import plain
 from foldcell.cell.report.pictures.film import SIZE, CaptionedPicture, DrawnHold, draw_hold, film_file
 from foldcell.cell.report.pictures.fold_pictures import KeyFrame, Scenery, View, motion_view
-from foldcell.cell.report.pictures.garment_look import GarmentLook, garment_look, outlined
+from foldcell.cell.report.pictures.garment_look import garment_look, outlined
 from foldcell.cell.report.pictures.recorded_holds import TrueFrame, held_during, holds
 from foldcell.cell.states.run_context import RunContext
 from foldcell.cell.states.stages import FoldNote
@@ -25,13 +25,12 @@ __all__ = ["RunDrawing", "draw_attempts", "film_note", "film_of_run", "run_drawi
 class RunDrawing:
     """What all pictures of the run share. view: None if no fold was planned."""
 
-    look: GarmentLook
     scenery: Scenery
     view: View | None
     calibration: CameraCalibration | None
 
     def seen(self, frame: CameraFrame) -> NDArray[np.uint8]:
-        return outlined(frame, self.calibration, self.look.outline)
+        return outlined(frame, self.calibration, self.scenery.tape)
 
     def along(self, note: FoldNote | None) -> Scenery:
         """Return the scenery with the planned arcs of one fold."""
@@ -45,13 +44,12 @@ def run_drawing(
     calibration: CameraCalibration | None,
 ) -> RunDrawing:
     """Choose one view that shows all folds, the colours of the garment and its original outline."""
-    look = garment_look(context)
+    colours, outline = garment_look(context)
     shown = [KeyFrame(v, tools) for _, v, tools in frames[::5]]
     shown += [KeyFrame(v) for note in context.notes().values() for v in note.attempt.plan_frames]
     arcs = [arc for note in context.notes().values() for arc in _arcs(note.attempt.trajectory)]
     return RunDrawing(
-        look,
-        Scenery(table, (), look.outline, look.colours),
+        Scenery(table, (), outline, colours),
         motion_view(shown, arcs, SIZE) if shown else None,
         context.sight.refined if calibration is None else context.sight.calibration(calibration),
     )

@@ -15,7 +15,7 @@ from foldcell.cell.executive.effects import EFFECTS
 from foldcell.cell.executive.effects.inspecting import next_step
 from foldcell.cell.executive.effects.recovery.deciding import ask_approval, ask_operator, pause
 from foldcell.cell.executive.runner import EffectFunction, Runner
-from foldcell.cell.journal.journal import Journal, RunJournal
+from foldcell.cell.journal.journal import Journal, RunJournal, performed
 from foldcell.cell.states.observers import Step
 from foldcell.cell.states.run_context import Result, RunContext, RunEnd
 from foldcell.cell.states.transition_table import REENTRIES, Effect, Event, State
@@ -144,8 +144,7 @@ def test_the_intent_is_on_disk_before_the_effect_and_its_result_after_it(rig: Ri
 
     def read_the_journal(cell: Any, context: RunContext) -> Result:
         with Journal.open(rig.journal.path, readonly=True) as reader:  # as another process reads it
-            intent = reader.last_intent(rig.journal_file.id)
-        assert intent is not None
+            intent = performed(reader.entries(rig.journal_file.id))[-1]
         seen.append((intent.begun.name, intent.begun.state, intent.begun.cell_time, intent.result))
         return Result(Event.DONE, context, {"force_n": 3.5})
 
@@ -640,7 +639,7 @@ def test_losing_the_journal_ends_the_run_with_the_arms_held(rig: Rig, effect: Ef
     failure = end.context.failure
     assert failure.kind is K.UNRECORDED and "journal.db" in failure.what
     assert "held where they are" in failure.hint and "read-only" in failure.hint
-    last = rig.journal.last_intent(rig.journal_file.id)
+    last = performed(rig.journal.entries(rig.journal_file.id))[-1]
     assert last.begun.name == effect.value and last.result is None
 
 
@@ -718,7 +717,7 @@ def test_the_checkpoint_is_written_before_the_result_in_the_journal(rig: Rig) ->
     kept: list[tuple[str, bool]] = []
 
     def keep(context: RunContext) -> None:
-        last = rig.journal.last_intent(rig.journal_file.id)
+        last = performed(rig.journal.entries(rig.journal_file.id))[-1]
         kept.append((last.begun.name, last.result is None))
 
     rig.keep = keep

@@ -18,7 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from foldcell.cell.journal import journal as journal_module
-from foldcell.cell.journal.journal import Journal, RunJournal
+from foldcell.cell.journal.journal import Journal, RunJournal, performed
 from foldcell.cell.support.json_values import to_json
 from foldcell.robots.errors import ConfigurationError, FailureKind, InternalError, StorageError
 from foldcell.robots.ports import Side
@@ -109,8 +109,8 @@ def test_kill_9_loses_no_acknowledged_entry(tmp_path: Path, lines: int) -> None:
         for kind, sequence in acknowledged:
             assert kinds[int(sequence)] == kind
         assert len(entries) - len(acknowledged) in (0, 1)  # at most one entry was written but not yet acknowledged
-        last = journal.last_intent(run_id)
-        assert last is not None and last.begun.payload["number"] == last.begun.sequence // 2
+        last = performed(entries)[-1]
+        assert last.begun.payload["number"] == last.begun.sequence // 2
         assert (last.result is None) == (entries[-1].kind == "intent")
 
 
@@ -122,15 +122,16 @@ def test_a_run_without_its_end_is_interrupted_even_if_its_pid_is_reused(tmp_path
     assert journal.run(run.id).status == "interrupted"
 
 
-def test_the_last_intent_is_the_newest_one(tmp_path: Path) -> None:
+def test_an_effect_that_did_not_end_has_no_result(tmp_path: Path) -> None:
     journal, run = begin(tmp_path)
-    assert journal.last_intent(run.id) is None
+    assert performed(journal.entries(run.id)) == []
     first = run.intent(0.0, "looking", "look")
     run.result(first, 0.1)
     run.intent(0.2, "grasping", "grasp", {"step": 1})
     run.event(0.3, "grasping", "noted")
-    last = journal.last_intent(run.id)
-    assert last is not None and last.begun.name == "grasp" and last.begun.payload["step"] == 1
+    before, last = performed(journal.entries(run.id))
+    assert before.name == "look" and before.ended_s == 0.1
+    assert last.begun.name == "grasp" and last.begun.payload["step"] == 1
     assert last.result is None
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from foldcell.cell.campaigns.hil import director as directing
 from foldcell.cell.campaigns.hil.director import Director, ScheduledClock
 from foldcell.cell.campaigns.hil.script import Script
-from foldcell.cell.campaigns.hil.verdict import broken_expectations
+from foldcell.cell.campaigns.hil.script_run import broken_expectations
 from foldcell.cell.hardware.driver import OpenCell
 from foldcell.cell.record.run_record import FoldRecord, RunRecord
 from foldcell.cell.states.commands import CommandQueue

@@ -13,7 +13,7 @@ import pytest
 from foldcell.cell.campaigns.trials.campaign import Keep, TrialRequest
 from foldcell.cell.campaigns.trials.perform_trial import perform_trial
 from foldcell.cell.campaigns.trials.trial import TRIAL, Trial, read_trial
-from foldcell.cell.support.process.terminations import Terminated
+from foldcell.cell.support.process.signals import Terminated
 from foldcell.robots.errors import ConfigurationError, FailureKind, StorageError
 from tests.builders.campaigns import record, request
 

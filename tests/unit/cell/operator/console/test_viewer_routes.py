@@ -18,7 +18,7 @@ from foldcell.cell.operator.console.server import operators_page
 from foldcell.cell.operator.console.viewer_routes import growing_file
 from foldcell.cell.operator.local_server import open_listener
 from foldcell.cell.states.commands import CommandQueue
-from foldcell.cell.view.viewing.web_viewer import FILES
+from foldcell.cell.view.viewer import FILES
 from tests.builders.records import run_status
 from tests.fakes import FakeCell
 from tests.scenes import camera

@@ -12,8 +12,7 @@ from time import sleep
 
 import pytest
 
-from foldcell.cell.support.process.interrupts import taking_signals
-from foldcell.cell.support.process.terminations import Terminated
+from foldcell.cell.support.process.signals import Terminated, taking_signals
 from foldcell.skills.compiled import _on_a_thread
 from tests.fakes import FakeCell
 

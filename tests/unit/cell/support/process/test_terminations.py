@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from foldcell.cell.support.process.terminations import Terminated, unwinding
+from foldcell.cell.support.process.signals import Terminated, unwinding
 
 
 class Signalling:

@@ -14,13 +14,12 @@ from pathlib import Path
 import pytest
 
 from foldcell.cell.support.process import workers
-from foldcell.cell.support.process.terminations import BY_SIGNAL
+from foldcell.cell.support.process.signals import BY_SIGNAL
 from foldcell.cell.support.process.workers import worker_pool
 
 MAKER = """
 import sys, time
 from pathlib import Path
-from foldcell.cell.support.process.terminations import Terminated, unwinding
 from foldcell.cell.support.process.workers import worker_pool
 
 if __name__ == "__main__":
@@ -102,7 +101,6 @@ def test_queued_tasks_are_not_done_after_an_interruption(tmp_path: Path, each: i
 
 COMPILING = """
 import time
-from foldcell.cell.support.process.interrupts import taking_signals
 from foldcell.skills.compiled import _on_a_thread
 from tests.fakes import FakeCell
 

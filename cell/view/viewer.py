@@ -1,4 +1,4 @@
-"""The program files of Rerun's web viewer, so that the operator's page can serve them itself.
+"""Rerun's viewer: the program that opens recordings, and the files of its web viewer for the operator's page.
 
 Rerun's own server for these files answers on every network interface and reports to its makers, and its page loads
 fonts from elsewhere. The files are inside the `rerun` program only. It has to serve them once: on this machine
@@ -9,24 +9,51 @@ from __future__ import annotations
 
 import os
 import shutil
+import socket
 import subprocess
+import sys
 import tempfile
 import time
-import urllib.request
 from importlib.metadata import version
 from pathlib import Path
 
 from foldcell.cell.support.files.paths import user_cache
-from foldcell.cell.view.live import free_port
-from foldcell.cell.view.viewing.viewer import find_viewer, silent_environment
 from foldcell.robots.errors import StorageError
 
-__all__ = ["FILES", "web_viewer_files"]
+__all__ = ["FILES", "HOST", "find_viewer", "free_port", "silent_environment", "web_viewer_files"]
 
+HOST, PORT = "127.0.0.1", 9876
 FILES = ("re_viewer.js", "re_viewer_bg.wasm")
 WAIT_S = 20.0
 """Longest time until the program answers [s]. It takes less than one second on an idle computer."""
 HINT = "the 3-D view is not offered; `foldcell replay` opens the recording"
+
+
+def find_viewer() -> Path | None:
+    """Return the viewer's path: beside this interpreter, or on the PATH; None if it is not installed."""
+    beside = Path(sys.executable).parent / "rerun"
+    if beside.is_file():
+        return beside
+    found = shutil.which("rerun")
+    return Path(found) if found else None
+
+
+def silent_environment() -> dict[str, str]:
+    """Return the environment in which the viewer does not report its use to its makers. With CI set, it takes its
+    run for an automatic test."""
+    return {**os.environ, "CI": "1"}
+
+
+def free_port(wanted: int = PORT) -> int:
+    """Return the port `wanted` (by default Rerun's usual port) if it is free, else any free port."""
+    for port in (wanted, 0):
+        with socket.socket() as s:
+            try:
+                s.bind((HOST, port))
+            except OSError:
+                continue
+            return int(s.getsockname()[1])
+    return PORT
 
 
 def web_viewer_files(cache: Path | None = None) -> Path:
@@ -77,6 +104,8 @@ def _from_program(folder: Path, home: Path) -> None:
 
 
 def _fetched(address: str, process: subprocess.Popen[bytes]) -> bytes:
+    import urllib.request
+
     deadline = time.monotonic() + WAIT_S
     opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
     while True:

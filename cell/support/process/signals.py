@@ -1,26 +1,86 @@
-"""Handle signals while a cell is open: a signal triggers the stop circuit, and the run then ends as after any
-stop."""
+"""Handle signals. SIGTERM and SIGHUP end a command as Ctrl-C does: resources are closed and worker processes end.
+
+While a cell is open, a signal triggers the stop circuit, and the run then ends as after any stop.
+"""
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from multiprocessing import parent_process
-from typing import Any
+from threading import Timer
+from typing import TYPE_CHECKING, Any
 
-from foldcell.cell.support.process.terminations import Terminated
-from foldcell.robots.ports import Ports
+if TYPE_CHECKING:
+    from foldcell.robots.ports import Ports
 
-__all__ = ["Interrupts", "taking_signals"]
+__all__ = ["BY_SIGNAL", "Interrupts", "Terminated", "taking_signals", "unwinding"]
+
+BY_SIGNAL = 128
+"""The exit code after a signal is this plus the signal's number: SIGHUP 129, SIGINT 130, SIGTERM 143."""
+AGAIN_S = 0.02
+"""Time after which a forgotten signal is sent again [s]."""
+
+
+class Terminated(KeyboardInterrupt):
+    """A termination signal arrived. Handlers of KeyboardInterrupt also catch it. number: the signal's number."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(signal.Signals(number).name)
+        self.number = number
+
+
+@contextmanager
+def unwinding() -> Iterator[None]:
+    """Within the context, the first SIGTERM or SIGHUP raises Terminated; a second one of the same kind kills the
+    process.
+
+    Python prints and forgets what a handler raises within a callback of its garbage collector or of a weak
+    reference. Such a signal, also SIGINT, is sent again, AGAIN_S later.
+
+    A signal that is ignored (nohup) stays ignored. While a cell is open, `Interrupts`
+    handles these signals. Outside the main thread this function does nothing.
+    """
+
+    def end(number: int, _: Any) -> None:
+        signal.signal(number, signal.SIG_DFL)
+        raise Terminated(number)
+
+    def discarded(what: Any) -> None:
+        if not issubclass(what.exc_type, KeyboardInterrupt):
+            report(what)
+            return
+        number = getattr(what.exc_value, "number", signal.SIGINT)
+        if number in before:
+            signal.signal(number, end)
+        Timer(AGAIN_S, os.kill, (os.getpid(), number)).start()
+
+    before: dict[int, Any] = {}
+    report, sys.unraisablehook = sys.unraisablehook, discarded
+    try:
+        for number in (signal.SIGTERM, signal.SIGHUP):
+            if signal.getsignal(number) is signal.SIG_DFL:
+                before[number] = signal.signal(number, end)
+    except ValueError:  # not the main thread
+        pass
+    try:
+        yield
+    finally:
+        sys.unraisablehook = report
+        for replaced, handler in before.items():
+            signal.signal(replaced, handler)
 
 
 class Interrupts:
     """Handles the signals of one run. received: the signals that requested an end of the run, in order of time."""
 
     def __init__(self) -> None:
+        from multiprocessing import parent_process
+
         self.received: list[int] = []
+        self._in_worker = parent_process() is not None
         self._ports: Ports | None = None
         self._simulated = False
         self._before: dict[int, Any] = {}
@@ -56,7 +116,7 @@ class Interrupts:
         name = signal.Signals(number).name
         if self._ports is not None:
             self._ports.stop.trigger(name)
-        if parent_process() is None:  # the parent of a worker process has said it
+        if not self._in_worker:  # the parent of a worker process has said it
             says = f"{name}: the cell stops" if self._ports else "please wait: the end of the run is being written"
             with suppress(OSError, ValueError, RuntimeError):  # the terminal is closed, or a line is being printed
                 print(says, file=sys.stderr, flush=True)

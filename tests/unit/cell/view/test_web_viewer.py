@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from foldcell.cell.view.viewing import web_viewer
-from foldcell.cell.view.viewing.viewer import silent_environment
-from foldcell.cell.view.viewing.web_viewer import FILES, web_viewer_files
+from foldcell.cell.view import viewer as web_viewer
+from foldcell.cell.view.viewer import FILES, silent_environment, web_viewer_files
 from foldcell.robots.errors import StorageError
 
 
