@@ -125,8 +125,7 @@ class RunObservers:
 
     def recorded(self, ports: Ports) -> tuple[Ports, CommandQueue]:
         """Return ports and commands whose answers are written to the transcript."""
-        recorded = self._port_recorder.between(ports, self.commands)
-        return recorded.ports, recorded.commands
+        return self._port_recorder.between(ports, self.commands)
 
     def watch_truth(self, opened: OpenCell) -> None:
         """Record the true state of a simulated cell from now on, for the score, the recording and the film."""

@@ -10,28 +10,20 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Set
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from foldcell.cell.journal.frame_store import FrameStore
-from foldcell.cell.states.commands import CommandQueue, QueuedCommand
-from foldcell.cell.states.plan_edit import PlanEdit
+from foldcell.cell.states.commands import CommandQueue
 from foldcell.cell.states.transition_table import Event
+from foldcell.cell.support.forwarding import forwarding
 from foldcell.cell.transcript.channels import CellConstants, Channel, build_ports
 from foldcell.cell.transcript.transcript import TranscriptWriter
 from foldcell.cell.transcript.transcript_codec import pack
 from foldcell.robots.ports import CameraFrame, Ports, Side
 
-__all__ = ["PortRecorder", "RecordedPorts"]
-
-
-@dataclass(frozen=True, eq=False)
-class RecordedPorts:
-    """The ports and the command queue that the executive uses."""
-
-    ports: Ports
-    commands: CommandQueue
+__all__ = ["PortRecorder"]
 
 
 class PortRecorder:
@@ -43,10 +35,10 @@ class PortRecorder:
         self._writer: TranscriptWriter | None = None
         self._thread = threading.get_ident()
 
-    def between(self, ports: Ports, commands: CommandQueue) -> RecordedPorts:
+    def between(self, ports: Ports, commands: CommandQueue) -> tuple[Ports, CommandQueue]:
         """Begin the transcript. Returns the ports and commands for the executive. Raises StorageError."""
         if self._folder is None:
-            return RecordedPorts(ports, commands)
+            return ports, commands
         constants = CellConstants.of(ports)
         self._writer = TranscriptWriter(self._folder, constants, self._frames)
 
@@ -55,7 +47,15 @@ class PortRecorder:
             asked = port[sides[0]] if sides else port
             return lambda *given: self.record(channel, (*sides, *given), getattr(asked, channel.method), *given)
 
-        return RecordedPorts(build_ports(constants, method, ports.stop), _Commands(self, commands))
+        def take(wanted: Set[Event]) -> Any:
+            return self.record(Channel.TAKE, (sorted(wanted),), commands.take, wanted)
+
+        def wait(wanted: Set[Event], seconds: float) -> Any:
+            return self.record(Channel.WAIT, (sorted(wanted),), commands.wait, wanted, seconds)
+
+        edit = partial(self.record, Channel.EDIT, (), commands.edit)
+        heard = forwarding(commands, take=take, wait=wait, edit=edit)
+        return build_ports(constants, method, ports.stop), heard
 
     def end(self) -> None:
         """Record the end of the run."""
@@ -95,35 +95,3 @@ class PortRecorder:
     def _note(self, channel: Channel, question: str, answer: str | CameraFrame) -> None:
         if self._writer is not None:
             self._writer.note(channel, question, answer)
-
-
-class _Commands(CommandQueue):
-    """Forwards commands to the cell's queue, and records the commands that the executive takes from it."""
-
-    def __init__(self, port_recorder: PortRecorder, queue: CommandQueue) -> None:
-        super().__init__()
-        self._record, self._all = port_recorder.record, queue
-
-    @property
-    def deserted(self) -> bool:
-        return self._all.deserted
-
-    def close(self) -> None:
-        self._all.close()
-
-    def put(self, command: Event, edit: PlanEdit | None = None) -> QueuedCommand:
-        return self._all.put(command, edit)
-
-    def edit(self) -> str:
-        return str(self._record(Channel.EDIT, (), self._all.edit))
-
-    def drop(self, void: Set[Event]) -> None:
-        self._all.drop(void)
-
-    def take(self, wanted: Set[Event]) -> Event | None:
-        taken: Event | None = self._record(Channel.TAKE, (sorted(wanted),), self._all.take, wanted)
-        return taken
-
-    def wait(self, wanted: Set[Event], seconds: float) -> Event | None:
-        taken: Event | None = self._record(Channel.WAIT, (sorted(wanted),), self._all.wait, wanted, seconds)
-        return taken

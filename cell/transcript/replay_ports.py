@@ -15,6 +15,7 @@ import numpy as np
 from foldcell.cell.journal.frame_store import FRAMES, FrameStore
 from foldcell.cell.states.commands import CommandQueue
 from foldcell.cell.states.transition_table import Event
+from foldcell.cell.support.forwarding import forwarding
 from foldcell.cell.transcript.channels import Channel, build_ports
 from foldcell.cell.transcript.transcript import Transcript
 from foldcell.cell.transcript.transcript_codec import Exchange, Picture, pack, unpack
@@ -101,7 +102,16 @@ class RecordedAnswers:
         return state
 
     def commands(self) -> CommandQueue:
-        return _Commands(self)
+        """Return a command queue that answers the recorded questions with the recorded commands."""
+
+        def take(channel: Channel, wanted: Set[Event], *_: float) -> Event | None:
+            taken = self.answer(channel, sorted(wanted))
+            return None if taken is None else Event(taken)
+
+        return forwarding(
+            CommandQueue(), take=partial(take, Channel.TAKE), wait=partial(take, Channel.WAIT),
+            edit=partial(self.answer, Channel.EDIT),
+        )  # fmt: skip
 
     def watched_stop(self) -> Stop:
         """Return the stop that is polled while a skill computes. It may be polled any number of times."""
@@ -113,25 +123,6 @@ class RecordedAnswers:
             return next(self._left, None)
         except StorageError as e:
             raise NoRecordedAnswer(trouble=e) from None
-
-
-class _Commands(CommandQueue):
-    """A command queue that answers the recorded questions with the recorded commands."""
-
-    def __init__(self, answers: RecordedAnswers) -> None:
-        super().__init__()
-        self._answer = answers.answer
-
-    def take(self, wanted: Set[Event]) -> Event | None:
-        taken = self._answer(Channel.TAKE, sorted(wanted))
-        return None if taken is None else Event(taken)
-
-    def wait(self, wanted: Set[Event], seconds: float) -> Event | None:
-        taken = self._answer(Channel.WAIT, sorted(wanted))
-        return None if taken is None else Event(taken)
-
-    def edit(self) -> str:
-        return str(self._answer(Channel.EDIT))
 
 
 # in words

@@ -12,7 +12,6 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Protocol
 
 import numpy as np
 
@@ -27,7 +26,7 @@ from foldcell.cell.support.forwarding import forwarding
 from foldcell.robots.errors import FailureKind, InternalError
 from foldcell.robots.ports import Array, Clock, JointSetpoint, Ports
 
-__all__ = ["Director", "Observations", "ScheduledClock"]
+__all__ = ["Director", "Observations", "scheduled"]
 
 OVERTIME = "the script's time is over"
 GIVE_UP, HALT = Action.model_validate({"say": Event.ABORT.value}), Action.model_validate({"stop": OVERTIME})
@@ -66,32 +65,19 @@ class Observations:
         return (*map(str, self.missed), *self.trouble)
 
 
-class Schedule(Protocol):
-    """Actions scheduled in cell time [s]."""
+def scheduled(clock: Clock, schedule: Director) -> Clock:
+    """Return a clock whose sleep wakes at each scheduled action and carries it out, also between two set-points of
+    a motion."""
 
-    def next_due(self) -> float | None: ...
+    def sleep_until(t: float) -> None:
+        schedule.carry_out(clock.now())
+        while (due := schedule.next_due()) is not None and due < t:
+            clock.sleep_until(due)
+            schedule.carry_out(clock.now())
+        clock.sleep_until(t)
+        schedule.carry_out(clock.now())
 
-    def carry_out(self, now: float) -> None:
-        """Carry out every action that is due at `now` [s]."""
-
-
-class ScheduledClock:
-    """Wraps a cell's clock. Its sleep wakes at each scheduled action and carries it out, also between two
-    set-points of a motion."""
-
-    def __init__(self, clock: Clock, schedule: Schedule) -> None:
-        self._clock, self._schedule = clock, schedule
-
-    def now(self) -> float:
-        return self._clock.now()
-
-    def sleep_until(self, t: float) -> None:
-        self._schedule.carry_out(self._clock.now())
-        while (due := self._schedule.next_due()) is not None and due < t:
-            self._clock.sleep_until(due)
-            self._schedule.carry_out(self._clock.now())
-        self._clock.sleep_until(t)
-        self._schedule.carry_out(self._clock.now())
+    return forwarding(clock, sleep_until=sleep_until)
 
 
 class Director:
@@ -149,7 +135,7 @@ class Director:
             return ports.arms.command(q, qd)
 
         arms = forwarding(ports.arms, command=command)
-        return replace(ports, clock=ScheduledClock(ports.clock, self), arms=arms)
+        return replace(ports, clock=scheduled(ports.clock, self), arms=arms)
 
     def close(self) -> None:
         """Cancel the wall-clock limit. Call it after the run has ended."""

@@ -29,24 +29,23 @@ def add_options(actions: Commands) -> None:
     shear = add_garment_action(
         actions, "shear", "a garment's stretch, from its length hanging and lying", _shear,
         {
-            "--l1": "from the clip to the lowest point of the hanging garment",
-            "--l2": "between the same two points of the garment spread on a table",
+            "--l1": ("M", "metres from the clip to the lowest point of the hanging garment"),
+            "--l2": ("M", "metres between the same two points of the garment spread on a table"),
         },
-        any_surface=False,
     )  # fmt: skip
     shear.add_argument("--held", metavar="KEYPOINT", help="key point at the clip (an end of its longest line)")
     add_garment_action(
         actions, "friction", "a garment's friction with the table, from the slope on which it slides", _friction,
         {
-            "--height": "by which one side of the table is lifted when the garment begins to slide",
-            "--length": "of the table's length",
+            "--height": ("M", "metres by which one side of the table is lifted when the garment begins to slide"),
+            "--length": ("M", "metres of the table's length"),
         },
         any_surface=True,
     )  # fmt: skip
     bending = add_garment_action(
         actions, "bending",
         "a fabric's bending length, from a strip that hangs over an edge (ASTM D1388) or is folded over", _bending,
-        {}, any_surface=False,
+        {},
     )  # fmt: skip
     measured = bending.add_mutually_exclusive_group(required=True)
     measured.add_argument(
@@ -63,8 +62,8 @@ def add_options(actions: Commands) -> None:
     add_garment_action(
         actions, "crease",
         "the plastic set of a pressed crease, from a strip of 40 x 15 mm folded under a weight (AATCC 66 kind)",
-        _crease, {}, any_surface=False,
-        others={
+        _crease,
+        {
             "--angle": ("DEG", "degrees of 180 that the crease keeps: 180 less the crease recovery angle"),
             "--load": ("KG", "kilograms that lay on the folded end, 15 x 18 mm (standard: 0.5)"),
             "--time": ("S", "seconds under load (standard: 300)"),

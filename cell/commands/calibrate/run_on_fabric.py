@@ -69,20 +69,17 @@ def add_garment_action(
     name: str,
     about: str,
     measure: Measure,
-    lengths: Mapping[str, str],
-    any_surface: bool,
-    others: Mapping[str, tuple[str, str]] | None = None,
+    quantities: Mapping[str, tuple[str, str]],
+    any_surface: bool = False,
 ) -> argparse.ArgumentParser:
     """Add a command that calibrates the fabric of one garment.
 
-    lengths: flag and help text of each length that the operator measures. others: for each other quantity, its
-    flag -> (placeholder, help text). any_surface: whether the garment file may lack the table's surface.
+    quantities: flag -> (placeholder, help text) of each quantity that the operator measures. any_surface: whether
+    the garment file may lack the table's surface.
     """
     action = add_action(actions, name, about, lambda options: _run(options, name, measure, any_surface))
     action.add_argument("garment", metavar="GARMENT", help="name or file")
-    for option, help_text in lengths.items():
-        action.add_argument(option, type=float, required=True, metavar="M", help=f"metres {help_text}")
-    for option, (metavar, help_text) in (others or {}).items():
+    for option, (metavar, help_text) in quantities.items():
         action.add_argument(option, type=float, required=True, metavar=metavar, help=help_text)
     action.add_argument("--output", type=Path, metavar="FILE", help="garment file to write (among the logs)")
     action.add_argument("--replace", action="store_true", help="write over a file that exists")

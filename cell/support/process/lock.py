@@ -43,10 +43,6 @@ class OwnerLock:
         self.what, self.otherwise = what, otherwise
         self._file: int | None = None
 
-    @property
-    def held(self) -> bool:
-        return self._file is not None
-
     def acquire(self) -> Self:
         if self._file is not None:
             return self

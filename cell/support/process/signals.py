@@ -74,7 +74,8 @@ def unwinding() -> Iterator[None]:
 
 
 class Interrupts:
-    """Handles the signals of one run. received: the signals that requested an end of the run, in order of time."""
+    """Handles the signals of one run. received: the signals that requested an end of the run, in order of time.
+    before: the handlers that were replaced."""
 
     def __init__(self) -> None:
         from multiprocessing import parent_process
@@ -83,14 +84,15 @@ class Interrupts:
         self._in_worker = parent_process() is not None
         self._ports: Ports | None = None
         self._simulated = False
-        self._before: dict[int, Any] = {}
+        self.before: dict[int, Any] = {}
 
     @contextmanager
     def stop(self, ports: Ports, asked: bool) -> Iterator[None]:
-        """Within the context, SIGINT and SIGTERM trigger the stop of `ports`. After the context and before
-        `leave`, the end of the run is written completely. Each signal is acknowledged by a message, and ends the
-        waits of other threads for code that is being compiled. If the main thread of a simulated cell waits for
-        such code, which may take minutes, the signal raises Terminated: the run then counts as interrupted.
+        """Within the context, SIGINT and SIGTERM trigger the stop of `ports`. After it, until the end of
+        `taking_signals`, the end of the run is written completely. Each signal is acknowledged by a message, and
+        ends the waits of other threads for code that is being compiled. If the main thread of a simulated cell
+        waits for such code, which may take minutes, the signal raises Terminated: the run then counts as
+        interrupted.
 
         SIGHUP also triggers the stop, except in a run that asks an operator (`asked`). In such a run SIGHUP is
         ignored, and the closed terminal ends the run. With any driver except `sim`, SIGCONT triggers the stop,
@@ -108,8 +110,8 @@ class Interrupts:
             yield
         finally:
             self._ports = None
-            if signal.SIGCONT in self._before:
-                signal.signal(signal.SIGCONT, self._before.pop(signal.SIGCONT))
+            if signal.SIGCONT in self.before:
+                signal.signal(signal.SIGCONT, self.before.pop(signal.SIGCONT))
 
     def _on_signal(self, number: int, _: Any) -> None:
         self.received.append(number)
@@ -126,13 +128,7 @@ class Interrupts:
 
     def _install(self, number: int, handler: Any) -> None:
         with suppress(ValueError):
-            self._before[number] = signal.signal(number, handler)
-
-    def leave(self) -> None:
-        """Restore the previous signal handlers."""
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
-        self._before.clear()
+            self.before[number] = signal.signal(number, handler)
 
 
 @contextmanager
@@ -143,4 +139,5 @@ def taking_signals() -> Iterator[Interrupts]:
     try:
         yield interrupts
     finally:
-        interrupts.leave()
+        for number, handler in interrupts.before.items():
+            signal.signal(number, handler)

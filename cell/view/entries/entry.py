@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -13,15 +13,6 @@ from foldcell.robots.ports import Array
 __all__ = ["TIMELINE", "Columns", "Entry", "Log", "Robot"]
 
 TIMELINE = "cell_time"
-
-
-class Entry(Protocol):
-    """One entry. essential: a viewer without this entry cannot show later entries correctly."""
-
-    @property
-    def essential(self) -> bool: ...
-
-    def write(self, stream: rr.RecordingStream) -> None: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,3 +55,7 @@ class Robot:
 
     def write(self, stream: rr.RecordingStream) -> None:
         self.tree.log_urdf_to_recording(stream)
+
+
+Entry = Log | Columns | Robot
+"""One entry. essential: a viewer without this entry cannot show later entries correctly."""

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -73,12 +73,17 @@ def work(ports: Ports, commands: CommandQueue) -> list[Any]:
     return told
 
 
+class Heard(NamedTuple):
+    ports: Ports
+    commands: CommandQueue
+
+
 def taken_down(
     folder: Path, cell: FakeCell, act: Callable[[Ports, CommandQueue], Any], commands: CommandQueue | None = None
 ) -> Any:
     """The result of `act`, whose transcript is written into the folder."""
     port_recorder = PortRecorder(folder)
-    heard = port_recorder.between(cell.ports(), commands or CommandQueue())
+    heard = Heard(*port_recorder.between(cell.ports(), commands or CommandQueue()))
     try:
         return act(heard.ports, heard.commands)
     finally:
@@ -233,7 +238,7 @@ def test_the_stop_works_from_any_thread_and_is_not_recorded(tmp_path: Path) -> N
 
 def test_the_stop_works_when_recording_fails(tmp_path: Path) -> None:
     cell, port_recorder = FakeCell(), PortRecorder(tmp_path)
-    heard = port_recorder.between(cell.ports(), CommandQueue())
+    heard = Heard(*port_recorder.between(cell.ports(), CommandQueue()))
     assert port_recorder._writer is not None
     port_recorder._writer.fail("the disk is gone")
     heard.ports.stop.trigger("the button")
@@ -246,7 +251,7 @@ def test_an_invalid_driver_answer_ends_the_transcript_and_not_the_run(tmp_path: 
     ports = FakeCell().ports()
     no_time = object()
     ports.clock.now = lambda: no_time  # type: ignore[attr-defined, method-assign, assignment, return-value]
-    heard = port_recorder.between(ports, CommandQueue())
+    heard = Heard(*port_recorder.between(ports, CommandQueue()))
     assert heard.ports.clock.now() is no_time
     assert "clock.now" in (port_recorder.close() or "")
 
@@ -272,7 +277,7 @@ def test_a_stop_during_computing_is_replayed_at_any_computing_speed(
     replayed."""
     cell, port_recorder, free = FakeCell(), PortRecorder(tmp_path), threading.Event()
     ports = cell.ports()
-    heard = port_recorder.between(ports, CommandQueue())
+    heard = Heard(*port_recorder.between(ports, CommandQueue()))
     workcell = fake_workcell(cell, workers, ports=heard.ports, watched_stop=ports.stop)
     if pressed:
         threading.Timer(0.1, ports.stop.trigger, ["button"]).start()
@@ -316,7 +321,7 @@ def test_every_method_of_every_port_is_recorded_and_replayed(name: str, tmp_path
     taken_down(tmp_path, FakeCell(), lambda ports, _: None)
     heard = PortRecorder(tmp_path / "again")
     (tmp_path / "again").mkdir()
-    for ports in (heard.between(FakeCell().ports(), CommandQueue()).ports, answers(tmp_path).ports()):
+    for ports in (heard.between(FakeCell().ports(), CommandQueue())[0], answers(tmp_path).ports()):
         for port in of_kind(ports, name):
             for wanted in methods | attributes:
                 assert hasattr(port, wanted), f"{type(port).__name__} has no {wanted}"
@@ -331,7 +336,7 @@ def of_kind(ports: Ports, name: str) -> list[Any]:
 def test_every_port_is_wrapped_for_recording(tmp_path: Path) -> None:
     bare = FakeCell().ports()
     port_recorder = PortRecorder(tmp_path)
-    heard = port_recorder.between(bare, CommandQueue()).ports
+    heard, _ = port_recorder.between(bare, CommandQueue())
     for field in fields(Ports):
         if field.name not in {"driver", "simulated"}:
             assert getattr(heard, field.name) is not getattr(bare, field.name), field.name
@@ -340,7 +345,7 @@ def test_every_port_is_wrapped_for_recording(tmp_path: Path) -> None:
 
 def test_ports_are_not_wrapped_without_a_recording(tmp_path: Path) -> None:
     bare, queue, port_recorder = FakeCell().ports(), CommandQueue(), PortRecorder(None)
-    heard = port_recorder.between(bare, queue)
+    heard = Heard(*port_recorder.between(bare, queue))
     assert heard.ports is bare and heard.commands is queue
     port_recorder.end()
     assert port_recorder.close() is None and list(tmp_path.iterdir()) == []

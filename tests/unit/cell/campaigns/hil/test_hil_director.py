@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from foldcell.cell.campaigns.hil import director as directing
-from foldcell.cell.campaigns.hil.director import Director, ScheduledClock
+from foldcell.cell.campaigns.hil.director import Director, scheduled
 from foldcell.cell.campaigns.hil.script import Script
 from foldcell.cell.campaigns.hil.script_run import broken_expectations
 from foldcell.cell.hardware.driver import OpenCell
@@ -68,7 +68,7 @@ class Diary:
 def test_scheduled_actions_happen_at_their_time_for_any_sleeps(due: list[float], sleeps: list[float]) -> None:
     cell = FakeCell()
     diary = Diary(due, cell)
-    clock = ScheduledClock(cell.ports().clock, diary)
+    clock = scheduled(cell.ports().clock, diary)
     for t in sorted(sleeps):
         clock.sleep_until(t)
         assert clock.now() == t, "the sleep ends at the requested time"

@@ -60,8 +60,8 @@ def test_a_killed_owner_frees_the_cell(tmp_path: Path) -> None:
     process.send_signal(signal.SIGKILL)
     process.wait()
     assert not is_held(path)
-    with OwnerLock(path) as lock:
-        assert lock.held
+    with OwnerLock(path):
+        assert is_held(path)
         assert path.read_text().strip() == str(os.getpid())
 
 
