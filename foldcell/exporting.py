@@ -26,8 +26,7 @@ def export(folds: Sequence[OptimisedFold], file: str | Path) -> Path:
     Raises ConfigurationError for another ending, for folds of several garments, for two folds of one name, if no
     fold has an arc, and if a file exists that is no export; StorageError if the file cannot be written.
     """
-    from foldcell.cell.support.files.own_file import refuse_foreign
-    from foldcell.cell.support.files.whole_file import write_whole
+    from foldcell.cell.support.files.whole_file import refuse_foreign, write_whole
     from foldcell.optimising import OptimisedFold
     from foldcell.robots.errors import ConfigurationError
     from foldcell.skills.trajectory.export.tool_poses import MARKS, tool_poses_text

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from foldcell.cell.support.files.own_file import PNG_MARK, marked_png
+from foldcell.cell.support.files.whole_file import PNG_MARK, marked_png
 from foldcell.robots.errors import InternalError
 
 __all__ = ["SHEET_FORMATS", "SHEET_MARKS", "pdf_page", "png_page"]

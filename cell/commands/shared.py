@@ -180,7 +180,7 @@ def write_drawing(folder: Path, name: str, picture: NDArray[np.uint8]) -> str:
 def refuse_drawing(folder: Path, name: str) -> Path:
     """Return the path of a drawing. Raises ConfigurationError if the folder does not exist, or if a picture that
     foldcell did not draw has this path. Called also before a drawing's content is computed."""
-    from foldcell.cell.support.files.own_file import PNG_MARK, refuse_foreign
+    from foldcell.cell.support.files.whole_file import PNG_MARK, refuse_foreign
     from foldcell.robots.errors import ConfigurationError
 
     if not folder.is_dir():

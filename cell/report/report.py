@@ -15,13 +15,12 @@ from foldcell.cell.config.cell_settings import CellSettings
 from foldcell.cell.planning.fold_planning import PREDICTED_FRAMES
 from foldcell.cell.record.run_record import RunRecord
 from foldcell.cell.record.words import garment_name, length, plain
-from foldcell.cell.report.camera_pictures.question_files import FOLDER as QUESTIONS_FOLDER
+from foldcell.cell.report.camera_pictures.question_picture import FOLDER as QUESTIONS_FOLDER
 from foldcell.cell.report.failure_stories import FailureStory
 from foldcell.cell.report.page import FILM, FoldPictures, ReportPictures, render
-from foldcell.cell.report.pictures.film import CaptionedPicture, DrawnHold
+from foldcell.cell.report.pictures.film import CaptionedPicture, DrawnHold, TrueFrame, spread
 from foldcell.cell.report.pictures.fold_pictures import KeyFrame, fold_strip, join
 from foldcell.cell.report.pictures.height_map import TICK, height_maps
-from foldcell.cell.report.pictures.recorded_holds import TrueFrame, spread
 from foldcell.cell.report.pictures.run_drawing import (
     RunDrawing,
     draw_attempts,

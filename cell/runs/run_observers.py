@@ -15,12 +15,11 @@ from foldcell.cell.hardware.driver_names import is_simulated
 from foldcell.cell.journal.frame_store import FRAMES, FrameStore
 from foldcell.cell.journal.journal import RunJournal
 from foldcell.cell.operator.console.run_status import RunStatus
-from foldcell.cell.operator.progress.lines import ProgressLines
-from foldcell.cell.operator.progress.notifier import Notifier, say
+from foldcell.cell.operator.progress.lines import Notifier, ProgressLines, say
 from foldcell.cell.operator.terminal.keys import TerminalOperator, in_foreground
 from foldcell.cell.record.run_record import RecordingLosses
 from foldcell.cell.record.run_record_builder import RunRecordBuilder
-from foldcell.cell.report.camera_pictures.question_files import QuestionFiles
+from foldcell.cell.report.camera_pictures.question_picture import QuestionFiles
 from foldcell.cell.report.failure_stories import FailureStories
 from foldcell.cell.states.commands import CommandQueue
 from foldcell.cell.states.fold_request import FoldRequest

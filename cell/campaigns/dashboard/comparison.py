@@ -11,7 +11,7 @@ from pathlib import Path
 from foldcell.cell.campaigns.dashboard.entries import RunEntry
 from foldcell.cell.journal.journal import Entry, Journal, JournalRun
 from foldcell.cell.record.words import figure, figure_name, plain, value_in_words
-from foldcell.cell.report.camera_pictures.question_files import FOLDER as QUESTIONS
+from foldcell.cell.report.camera_pictures.question_picture import FOLDER as QUESTIONS
 from foldcell.cell.runs.run_difference import RunDifference, run_difference
 from foldcell.cell.support.files.paths import journal_path
 from foldcell.robots.errors import CellError

@@ -10,11 +10,8 @@ from foldcell.calibration.board import BOARD, DICTIONARY
 from foldcell.calibration.board_sheet import PAGE, PIXELS_PER_MM, RULER_MM, draw_sheet
 from foldcell.cell.calibrating.sheet_file import SHEET_FORMATS, SHEET_MARKS
 from foldcell.cell.commands.shared import Commands, add_command, answer
-from foldcell.cell.support.files.own_file import refuse_foreign
-from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.cell.support.files.whole_file import refuse_foreign, write_whole
 from foldcell.robots.errors import ConfigurationError
-
-__all__ = ["add_options", "run"]
 
 
 def add_options(actions: Commands) -> None:

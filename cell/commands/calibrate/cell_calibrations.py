@@ -27,8 +27,6 @@ from foldcell.cell.config.cell_settings import CellSettings
 from foldcell.cell.hardware.camera import camera_calibration
 from foldcell.skills.vocabulary import Array
 
-__all__ = ["add_options"]
-
 DOUBTFUL_LENS = (
     "the intrinsics are those of the data sheet, and their error adds to that of the pose. For a better pose, run"
     " foldcell calibrate camera, name its file in cell.yaml, and run this again"

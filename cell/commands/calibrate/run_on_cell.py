@@ -26,9 +26,8 @@ from foldcell.cell.config.cell_settings import CellSettings, load_settings
 from foldcell.cell.hardware.cell_check import refuse_unfit_cell
 from foldcell.cell.hardware.workcell import Workcell
 from foldcell.cell.simulation import Truth
-from foldcell.cell.support.files.own_file import refuse_foreign
 from foldcell.cell.support.files.paths import logs_directory, prepare_logs
-from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.cell.support.files.whole_file import refuse_foreign, write_whole
 from foldcell.robots.errors import ConfigurationError
 
 __all__ = ["DATA_SHEET", "CellCalibration", "Provenance", "add_action", "camera_provenance", "mm", "unfit_with"]

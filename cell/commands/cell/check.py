@@ -11,8 +11,6 @@ from foldcell.cell.config.garments.garment_file import load_garment
 from foldcell.cell.hardware.cell_check import cell_findings
 from foldcell.cell.hardware.robot_model import load_robot
 
-__all__ = ["add_options"]
-
 
 def add_options(actions: Commands) -> None:
     action = add_command(actions, "check", "check whether table, camera and robot fit each other", _run)

@@ -32,8 +32,6 @@ from foldcell.cell.hardware.robot_model import load_robot
 from foldcell.robots.errors import ConfigurationError, Failure
 from foldcell.skills.garments.garment import Garment
 
-__all__ = ["add_options"]
-
 
 def add_options(actions: Commands) -> None:
     action = add_command(actions, "check", "check garment files, predict their folds, and draw them", _run)

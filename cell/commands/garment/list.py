@@ -9,8 +9,6 @@ from foldcell.cell.commands.shared import Commands, add_command, answer, cell_op
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.config.garments.garment_file import list_garments, load_garment
 
-__all__ = ["add_options"]
-
 
 def add_options(actions: Commands) -> None:
     action = add_command(actions, "list", "list the shipped garments with their sizes and folds", _run)

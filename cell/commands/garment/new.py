@@ -20,16 +20,13 @@ from foldcell.cell.config.garments.garment_file import load_garment
 from foldcell.cell.config.garments.key_points_file import read_checked_key_points
 from foldcell.cell.hardware.photograph import Photograph, picture_measure, read_photograph
 from foldcell.cell.support.files.encoded_picture import write_png
-from foldcell.cell.support.files.own_file import PNG_MARK, refuse_foreign
-from foldcell.cell.support.files.whole_file import refuse_unwritable
+from foldcell.cell.support.files.whole_file import PNG_MARK, refuse_foreign, refuse_unwritable
 from foldcell.robots.errors import ConfigurationError
 from foldcell.robots.ports import Array
 from foldcell.skills.garments.garment import Garment
 from foldcell.skills.garments.key_point_check import KeyPointFinding
 from foldcell.skills.garments.picture_measure import PictureMeasure
 from foldcell.skills.perception.drawing import draw_on_camera, draw_overlay
-
-__all__ = ["add_options", "run"]
 
 HINT = (
     "lay it flat and straight on a plain ground, photograph it from above, give another garment with --like, or "

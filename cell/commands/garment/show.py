@@ -12,8 +12,6 @@ from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.config.garments.garment_file import load_garment
 from foldcell.skills.garments.garment import Garment
 
-__all__ = ["add_options"]
-
 
 def add_options(actions: Commands) -> None:
     action = add_command(actions, "show", "show one garment in detail", _run)

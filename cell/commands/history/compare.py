@@ -17,8 +17,6 @@ from foldcell.cell.runs.run_difference import Difference, RunDifference, run_dif
 from foldcell.cell.support.files.paths import journal_path, logs_directory
 from foldcell.robots.errors import ConfigurationError
 
-__all__ = ["add_options", "run"]
-
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("first", metavar="A", help="a campaign's folder, or a run (id, folder or last)")

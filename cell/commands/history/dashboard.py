@@ -9,8 +9,6 @@ from foldcell.cell.commands.shared import answer, logs_option, port
 from foldcell.cell.support.files.paths import logs_directory
 from foldcell.robots.errors import StorageError
 
-__all__ = ["add_options", "run"]
-
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     logs_option(parser)

@@ -19,8 +19,6 @@ from foldcell.robots.errors import StorageError
 if TYPE_CHECKING:
     from foldcell.cell.runs.decide_again import Verdict
 
-__all__ = ["add_options", "run"]
-
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     run_name(parser)

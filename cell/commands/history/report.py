@@ -11,8 +11,6 @@ from foldcell.cell.journal.journal import NOT_BEGUN, Intent, Journal, JournalRun
 from foldcell.cell.runs.resuming import resumable
 from foldcell.cell.support.files.paths import command_for, journal_path, logs_directory
 
-__all__ = ["add_options", "run"]
-
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     run_name(parser)

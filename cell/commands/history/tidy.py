@@ -8,8 +8,6 @@ from foldcell.cell.commands.shared import answer, count, logs_option, table
 from foldcell.cell.runs.pruning import prunable_runs, prune
 from foldcell.cell.support.files.paths import logs_to_read
 
-__all__ = ["add_options", "run"]
-
 MEBI = 2.0**20
 
 

@@ -8,12 +8,9 @@ from pathlib import Path
 from foldcell.cell.commands.shared import answer
 from foldcell.cell.executive.draw_state_chart import draw_chart
 from foldcell.cell.states.state_chart import CHART
-from foldcell.cell.support.files.own_file import refuse_foreign
 from foldcell.cell.support.files.paths import repository_root
-from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.cell.support.files.whole_file import refuse_foreign, write_whole
 from foldcell.robots.errors import ConfigurationError
-
-__all__ = ["add_options", "run"]
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

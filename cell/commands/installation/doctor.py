@@ -8,8 +8,6 @@ from foldcell.cell.commands.installation.checks import Verdict, examine
 from foldcell.cell.commands.shared import answer, logs_option, table
 from foldcell.cell.support.files.paths import logs_directory
 
-__all__ = ["add_options", "run"]
-
 _MARKS = {Verdict.GOOD: "ok", Verdict.WARNING: "warn", Verdict.BAD: "BAD"}
 
 

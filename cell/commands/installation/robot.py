@@ -13,15 +13,12 @@ from foldcell.cell.hardware.cell_check import robot_findings
 from foldcell.cell.hardware.contract.clauses import CLAUSES, ClauseResult, check_driver
 from foldcell.cell.hardware.contract.opening import opened_rig
 from foldcell.cell.hardware.contract.rig import Rig
-from foldcell.cell.support.files.own_file import refuse_foreign
-from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.cell.support.files.whole_file import refuse_foreign, write_whole
 from foldcell.cell.support.junit import junit_text
 from foldcell.cell.support.process.signals import BY_SIGNAL, taking_signals
 from foldcell.robots.errors import ConfigurationError, StorageError
 from foldcell.robots.registry import find_robot, list_robots
 from foldcell.robots.urdf.skeleton import skeleton_files
-
-__all__ = ["add_options"]
 
 SUITE = "foldcell robot"
 

@@ -30,14 +30,12 @@ from foldcell.cell.config.trajectory_library.library_file import put_garments, u
 from foldcell.cell.operator.progress.bar import ProgressBar
 from foldcell.cell.planning.trajectory_library_build import BuildProgress, BuiltStep, build_library
 from foldcell.cell.planning.unfinished_build import UnfinishedBuild
-from foldcell.cell.support.files.own_file import refuse_foreign
 from foldcell.cell.support.files.paths import logs_directory, prepare_logs
+from foldcell.cell.support.files.whole_file import refuse_foreign
 from foldcell.skills.fold_plan.ideal_heights import bending_lengths, ideal_fold_heights
 from foldcell.skills.garments.garment import Garment
 from foldcell.skills.trajectory.search.optimise import ClothPredictor
 from foldcell.skills.trajectory.trajectory_library import LibraryEntry
-
-__all__ = ["add_options"]
 
 
 def add_options(actions: Commands) -> None:

@@ -18,7 +18,6 @@ from foldcell.cell.commands.shared import answer, cell_option, driver_options, l
 from foldcell.cell.config.cell_settings import CellSettings, load_settings
 from foldcell.cell.hardware.driver_names import is_simulated
 from foldcell.cell.hardware.placement import refuse_unfit_folds
-from foldcell.cell.support.files.own_file import refuse_foreign
 from foldcell.cell.support.files.paths import (
     campaign_folder,
     checked_name,
@@ -26,14 +25,12 @@ from foldcell.cell.support.files.paths import (
     prepare_logs,
     space_for,
 )
-from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.cell.support.files.whole_file import refuse_foreign, write_whole
 from foldcell.cell.support.json_values import write_json
 from foldcell.cell.support.junit import JUnitCase, junit_text
 from foldcell.cell.support.process.lock import OwnerLock
 from foldcell.cell.support.process.signals import BY_SIGNAL, Terminated
 from foldcell.robots.errors import ConfigurationError
-
-__all__ = ["add_options", "run"]
 
 RESULTS = "hil.json"
 

@@ -12,9 +12,8 @@ from foldcell.cell.campaigns.ladder.steps import STEPS
 from foldcell.cell.commands.shared import answer, confirmed, teller
 from foldcell.cell.config.cell_settings import CellSettings, load_settings
 from foldcell.cell.hardware.driver_names import is_simulated
-from foldcell.cell.support.files.own_file import refuse_foreign
 from foldcell.cell.support.files.paths import campaign_folder, logs_directory, prepare_logs
-from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.cell.support.files.whole_file import refuse_foreign, write_whole
 from foldcell.cell.support.junit import JUnitCase, junit_text
 from foldcell.cell.support.process.signals import BY_SIGNAL
 from foldcell.robots.errors import ConfigurationError

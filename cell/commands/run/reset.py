@@ -11,8 +11,6 @@ from foldcell.cell.hardware.driver import stop_circuit
 from foldcell.robots.errors import DriverError, FailureKind
 from foldcell.robots.ports import Stop
 
-__all__ = ["add_options", "run"]
-
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--yes", action="store_true", help="the cause is cleared and nobody is near: do not ask")

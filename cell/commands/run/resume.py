@@ -10,8 +10,6 @@ from foldcell.cell.commands.shared import logs_option, run_name
 from foldcell.cell.journal.journal import Journal
 from foldcell.cell.support.files.paths import journal_path, logs_directory, prepare_logs
 
-__all__ = ["add_options", "run"]
-
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     run_name(parser)

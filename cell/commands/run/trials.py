@@ -29,9 +29,6 @@ from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.record.words import figure, garment_name, interval, percent
 from foldcell.robots.errors import ConfigurationError
 
-__all__ = ["add_options", "run"]
-
-
 OF_A_NEW_ONE = ("garments", "n", "first_seed", "keep", "cell")
 """Options that only a new campaign takes."""
 

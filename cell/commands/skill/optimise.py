@@ -13,14 +13,11 @@ from foldcell.cell.config.garments.garment_file import load_garment
 from foldcell.cell.operator.progress.bar import ProgressBar
 from foldcell.cell.operator.progress.compiling import report_compilation
 from foldcell.cell.planning.plan_optimisation import StepOptimisation, check_step, optimise_plan
-from foldcell.cell.support.files.own_file import refuse_foreign
-from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.cell.support.files.whole_file import refuse_foreign, write_whole
 from foldcell.robots.errors import ConfigurationError
 from foldcell.robots.ports import Array
 from foldcell.skills.trajectory.export.tool_poses import MARKS, pose_rows, tool_poses_text
 from foldcell.skills.vocabulary import FoldStep
-
-__all__ = ["add_options", "run"]
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -12,7 +12,7 @@ from foldcell.cell.commands.shared import answer, cell_option
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.hardware.photograph import in_unit, perceive_photograph, read_photograph
 from foldcell.cell.support.files.encoded_picture import write_png
-from foldcell.cell.support.files.own_file import PNG_MARK, refuse_foreign
+from foldcell.cell.support.files.whole_file import PNG_MARK, refuse_foreign
 from foldcell.robots.errors import ConfigurationError, Failure
 from foldcell.robots.ports import Array, CameraFrame
 from foldcell.skills.perception.drawing import draw_on_camera, draw_overlay, draw_region

@@ -1,8 +1,13 @@
-"""Print progress as plain lines: cell time, state and failures. The printer is an observer of the runner."""
+"""Print progress as plain lines: cell time, state and failures. The printer is an observer of the runner.
+
+The notifier sends the messages of a run to the terminal and to the operator's page.
+"""
 
 from __future__ import annotations
 
-from typing import TextIO
+import sys
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TextIO
 
 from foldcell.cell.operator.progress.bar import ProgressBar
 from foldcell.cell.record.words import plain
@@ -11,7 +16,10 @@ from foldcell.cell.states.run_context import Result
 from foldcell.cell.states.stages import Repair, Spread
 from foldcell.cell.states.transition_table import Event, State
 
-__all__ = ["ProgressLines"]
+if TYPE_CHECKING:
+    from foldcell.cell.operator.console.run_status import RunStatus
+
+__all__ = ["Notifier", "ProgressLines", "say"]
 
 _HINTS = {
     State.AWAITING_APPROVAL: "approve the fold (a), look again (r), skip it (s) or end the run (q)",
@@ -58,3 +66,41 @@ class ProgressLines:
     def note(self, text: str) -> None:
         """Show a message about what happens in the present state."""
         self._bar.line(f"{'':12}{text}")
+
+
+def say(text: str) -> None:
+    """Print to standard error, where it never mixes with JSON output."""
+    print(text, file=sys.stderr, flush=True)
+
+
+@dataclass(frozen=True)
+class Notifier:
+    """Sends messages to all places where a person may read them. lines: printer of lines for the terminal.
+    run_status: status for the page, used whether or not a page is open. quiet: whether no lines are printed.
+    typed: whether the operator can type answers."""
+
+    lines: ProgressLines
+    run_status: RunStatus
+    quiet: bool
+    typed: bool
+
+    @property
+    def watching(self) -> tuple[ProgressLines | RunStatus, ...]:
+        return self.lines, self.run_status
+
+    def note(self, text: str) -> None:
+        """Show a message about what happens in the present state."""
+        for watcher in self.watching:
+            watcher.note(text)
+
+    def computing(self, done: int, total: int, remark: str) -> None:
+        """Show the progress of a long computation."""
+        for watcher in self.watching:
+            watcher.computing(done, total, remark)
+
+    def ask(self, what: str | None) -> None:
+        """Ask the person for something that the robot cannot do. None withdraws the request."""
+        self.run_status.ask(what)
+        if what is not None:
+            text = f"{what}, then approve" + (" (a, Enter)" if self.typed else "")
+            say(text) if self.quiet else self.lines.note(text)

@@ -1,23 +1,40 @@
 """Draws what the operator is asked about over the camera's latest picture: the planned fold, the pressing, or what
-was expected before a failure."""
+was expected before a failure. Keeps the picture of every question in the run's folder."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 
 from foldcell.cell.report.camera_pictures.projected_drawing import Colour, Picture, ProjectedDrawing
-from foldcell.cell.states.run_context import RunContext
+from foldcell.cell.states.observers import Step
+from foldcell.cell.states.run_context import Result, RunContext
 from foldcell.cell.states.stages import Attempt, Plan, Spread
 from foldcell.cell.states.transition_table import State
+from foldcell.cell.support.files.encoded_picture import jpeg_file
+from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.robots.errors import StorageError
 from foldcell.robots.ports import Array, CameraFrame, Side
 from foldcell.skills.fold_figures.outline import outline
 from foldcell.skills.fold_plan.folding import fold_xy
 from foldcell.skills.vocabulary import CameraCalibration, PredictedShape
 
-__all__ = ["ARCS", "EXPECTED", "QUESTIONS", "draw_failure", "draw_plan", "draw_pressing", "present_outline"]
+__all__ = [
+    "ARCS",
+    "EXPECTED",
+    "FOLDER",
+    "QUESTIONS",
+    "QuestionFiles",
+    "draw_failure",
+    "draw_plan",
+    "draw_pressing",
+    "present_outline",
+]
 
+FOLDER = "questions"
 OUTLINE: Colour = (60, 230, 110)
 EXPECTED: Colour = (255, 205, 60)
 FOLD_LINE: Colour = (255, 255, 255)
@@ -117,6 +134,30 @@ QUESTIONS: Mapping[State, Callable[[CameraFrame, CameraCalibration, RunContext],
     State.ASKING: draw_failure,
 }
 """The states in which the cell asks, and what is drawn for their questions."""
+
+
+class QuestionFiles:
+    """An observer that writes `questions/NN-STATE.jpg` when the cell asks: the picture that the operator sees. A
+    picture that cannot be written never ends the run."""
+
+    def __init__(self, run_folder: Path, calibration: CameraCalibration) -> None:
+        self._folder, self._nominal = run_folder / FOLDER, calibration
+        self._context = RunContext()
+        self._count = 0
+
+    def entered(self, t: float, step: Step) -> None:
+        frame = self._context.sight.shown
+        if step.target not in QUESTIONS or frame is None:
+            return
+        self._count += 1
+        calibration = self._context.sight.calibration(self._nominal)
+        picture = QUESTIONS[step.target](frame, calibration, self._context)
+        with suppress(StorageError, OSError):
+            self._folder.mkdir(exist_ok=True)
+            write_whole(self._folder / f"{self._count:02d}-{step.target.value}.jpg", jpeg_file(picture))
+
+    def performed(self, t: float, step: Step, result: Result) -> None:
+        self._context = result.context
 
 
 def _aim(context: RunContext) -> str:

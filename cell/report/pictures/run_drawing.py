@@ -9,10 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from foldcell.cell.record.words import plain
-from foldcell.cell.report.pictures.film import SIZE, CaptionedPicture, DrawnHold, draw_hold, film_file
+from foldcell.cell.report.pictures.film import (
+    SIZE,
+    CaptionedPicture,
+    DrawnHold,
+    TrueFrame,
+    draw_hold,
+    film_file,
+    held_during,
+    holds,
+)
 from foldcell.cell.report.pictures.fold_pictures import KeyFrame, Scenery, View, motion_view
 from foldcell.cell.report.pictures.garment_look import garment_look, outlined
-from foldcell.cell.report.pictures.recorded_holds import TrueFrame, held_during, holds
 from foldcell.cell.states.run_context import RunContext
 from foldcell.cell.states.stages import FoldNote
 from foldcell.robots.ports import Array, CameraFrame

@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from foldcell.cell.support.files.own_file import PNG_MARK, marked_png, refuse_foreign
-from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.cell.support.files.whole_file import PNG_MARK, marked_png, refuse_foreign, write_whole
 
 __all__ = ["data_uri", "jpeg_file", "shrunk", "write_png"]
 

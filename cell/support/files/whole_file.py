@@ -1,20 +1,25 @@
-"""Write files whole or not at all."""
+"""Write files whole or not at all, and never over files that foldcell did not make."""
 
 from __future__ import annotations
 
 import errno
 import os
+import struct
 import tempfile
+import zlib
 from contextlib import suppress
 from pathlib import Path
 
-from foldcell.robots.errors import StorageError
+from foldcell.robots.errors import ConfigurationError, StorageError
 
-__all__ = ["refuse_unwritable", "write_whole"]
+__all__ = ["PNG_MARK", "marked_png", "refuse_foreign", "refuse_unwritable", "write_whole"]
 
 HINT = "free some disk space, make its folder writable, or choose another one"
 PROBE_BYTES = 2**16
 """Space that a file needs at least, for `refuse_unwritable`."""
+PNG_MARK = b"tEXtSoftware\0foldcell"
+_IHDR_END = 33
+"""Length of a PNG file's signature and first chunk [bytes]. Further chunks are inserted after them."""
 
 
 def refuse_unwritable(path: Path) -> None:
@@ -65,3 +70,24 @@ def _sync(folder: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
+
+
+def refuse_foreign(path: Path, mark: bytes) -> None:
+    """Raise StorageError if no file can be written to `path`, and ConfigurationError if something is there that is
+    not a file with `mark` in it. mark: text that every file of this kind contains that foldcell makes. Called
+    before the file's content is computed."""
+    refuse_unwritable(path)
+    try:
+        own = not path.exists() or (path.is_file() and mark in path.read_bytes())
+    except OSError as e:
+        raise ConfigurationError(f"{path} cannot be read: {e.strerror}", "choose another file") from e
+    if not own:
+        raise ConfigurationError(
+            f"{path} exists and was not made by this command", "move it away, or give another file or folder"
+        )
+
+
+def marked_png(png: bytes, chunk: bytes = PNG_MARK) -> bytes:
+    """Return the PNG file with a further chunk. chunk: its type and data."""
+    whole = struct.pack(">I", len(chunk) - 4) + chunk + struct.pack(">I", zlib.crc32(chunk))
+    return png[:_IHDR_END] + whole + png[_IHDR_END:]

@@ -16,13 +16,15 @@ from foldcell.cell.report.pictures.film import (
     SPEED,
     CaptionedPicture,
     FilmFrame,
+    TrueFrame,
     captioned,
     draw_hold,
     encode_film,
     film_file,
+    holds,
+    spread,
 )
 from foldcell.cell.report.pictures.fold_pictures import KeyFrame, Scenery, motion_view
-from foldcell.cell.report.pictures.recorded_holds import TrueFrame, holds, spread
 
 
 def decoded(film: bytes) -> tuple[list[np.ndarray], list[int]]:

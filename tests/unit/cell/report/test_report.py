@@ -28,7 +28,7 @@ from foldcell.cell.record.run_record import (
 )
 from foldcell.cell.record.words import verdict
 from foldcell.cell.report.page import ReportPictures, render
-from foldcell.cell.report.pictures.film import CaptionedPicture, FilmFrame, encode_film
+from foldcell.cell.report.pictures.film import CaptionedPicture, FilmFrame, encode_film, held_during
 from foldcell.cell.report.pictures.fold_pictures import (
     BACK,
     FRONT,
@@ -41,7 +41,6 @@ from foldcell.cell.report.pictures.fold_pictures import (
     motion_view,
 )
 from foldcell.cell.report.pictures.outline_drawing import outline_drawing
-from foldcell.cell.report.pictures.recorded_holds import held_during
 from foldcell.cell.report.report import report as write_report
 from foldcell.cell.states.run_context import RunContext
 from foldcell.cell.states.transition_table import State

@@ -7,8 +7,7 @@ import io
 import pytest
 
 from foldcell.cell.operator.console.run_status import RunStatus
-from foldcell.cell.operator.progress.lines import ProgressLines
-from foldcell.cell.operator.progress.notifier import Notifier
+from foldcell.cell.operator.progress.lines import Notifier, ProgressLines
 from tests.builders.records import run_status
 
 
