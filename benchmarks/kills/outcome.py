@@ -8,7 +8,7 @@ from typing import Any
 
 from benchmarks.kills.durable_writes import DurableWrite
 from foldcell.cell.journal.journal import Entry, JournalRun
-from foldcell.cell.runs.resuming import RESUMED_FROM
+from foldcell.cell.runs.resumable import RESUMED_FROM
 
 __all__ = ["Outcome", "Resumed", "lost", "place_of", "resume_event"]
 

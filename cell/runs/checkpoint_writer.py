@@ -19,8 +19,9 @@ from foldcell.cell.journal.checkpoint_file import CHECKPOINT
 from foldcell.cell.journal.frame_store import FRAMES, FrameStore
 from foldcell.cell.journal.journal import Journal
 from foldcell.cell.journal.run_checkpoint import read_checkpoint, write_checkpoint
+from foldcell.cell.runs.reentry import reentered, reentry_event
 from foldcell.cell.runs.request_file import load_request
-from foldcell.cell.runs.resuming import check_resumable, last_begun, reentered, reentry_event
+from foldcell.cell.runs.resumable import check_resumable, last_begun
 from foldcell.cell.states.fold_request import FoldRequest
 from foldcell.cell.states.run_context import RunContext
 from foldcell.cell.states.transition_table import State

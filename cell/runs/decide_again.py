@@ -26,7 +26,7 @@ from foldcell.cell.hardware.workcell import Workcell
 from foldcell.cell.journal.journal import Entry, Journal, JournalRun
 from foldcell.cell.record.run_record import record_of
 from foldcell.cell.runs.request_file import initial_checkpoint, restored_request
-from foldcell.cell.runs.resuming import RESUMED_FROM
+from foldcell.cell.runs.resumable import RESUMED_FROM
 from foldcell.cell.states.commands import CommandQueue
 from foldcell.cell.states.fold_request import FoldRequest
 from foldcell.cell.states.observers import Observer, Step

@@ -30,7 +30,7 @@ from foldcell.cell.runs.checkpoint_writer import CheckpointWriter, Interrupted
 from foldcell.cell.runs.compiling_ahead import compiling_ahead
 from foldcell.cell.runs.ownership import VERSIONED, begun_run, owned_cell
 from foldcell.cell.runs.request_file import keep_request, keep_run_inputs
-from foldcell.cell.runs.resuming import RESUMED_FROM, check_resumable
+from foldcell.cell.runs.resumable import RESUMED_FROM, check_resumable
 from foldcell.cell.runs.run_observers import RunObservers, page_listener
 from foldcell.cell.simulation import SimulationSettings
 from foldcell.cell.states.commands import CommandQueue

@@ -12,7 +12,7 @@ from foldcell.cell.journal.frame_store import FRAMES
 from foldcell.cell.journal.journal import Journal, JournalRun
 from foldcell.cell.runs.checkpoint_writer import WORLD
 from foldcell.cell.runs.request_file import BEGAN_WITH
-from foldcell.cell.runs.resuming import resumable
+from foldcell.cell.runs.resumable import resumable
 from foldcell.cell.support.files.paths import JOURNAL_FILE
 from foldcell.robots.errors import StorageError
 

@@ -8,7 +8,7 @@ from typing import Any
 from foldcell.cell.commands.history.runs import ListedRun
 from foldcell.cell.commands.shared import answer, logs_option, run_name
 from foldcell.cell.journal.journal import NOT_BEGUN, Intent, Journal, JournalRun, performed
-from foldcell.cell.runs.resuming import resumable
+from foldcell.cell.runs.resumable import resumable
 from foldcell.cell.support.files.paths import command_for, journal_path, logs_directory
 
 

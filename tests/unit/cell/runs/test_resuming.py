@@ -13,8 +13,9 @@ import pytest
 
 from foldcell.cell.journal.journal import Journal, RunJournal
 from foldcell.cell.runs.checkpoint_writer import CheckpointWriter, interrupted_run
+from foldcell.cell.runs.reentry import reentry_event
 from foldcell.cell.runs.request_file import keep_request
-from foldcell.cell.runs.resuming import RESUMED_FROM, check_resumable, reentry_event
+from foldcell.cell.runs.resumable import RESUMED_FROM, check_resumable
 from foldcell.cell.states.run_context import RunContext
 from foldcell.cell.states.transition_table import Event, State
 from foldcell.robots.errors import ConfigurationError, Failure, FailureKind, StorageError
