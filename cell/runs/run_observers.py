@@ -27,7 +27,7 @@ from foldcell.cell.states.observers import Observer
 from foldcell.cell.states.run_context import RunEnd
 from foldcell.cell.states.transition_table import State
 from foldcell.cell.transcript.port_recorder import PortRecorder
-from foldcell.cell.view.recorder import Recorder, RecorderObserver
+from foldcell.cell.view.recorder import Recorder
 from foldcell.robots.errors import CellError, StorageError
 from foldcell.robots.ports import Ports, Stop
 from foldcell.robots.registry import find_robot
@@ -89,7 +89,7 @@ class RunObservers:
         pictured = (self._live_view,) if self._live_view else ()
         # run_status comes before lines: an operator may answer as soon as the line with the question is shown
         self.all: tuple[Observer, ...] = (
-            RecorderObserver(self.recorder), self.record, *pictures, *pictured, self._run_status, self.lines,
+            self.recorder, self.record, *pictures, *pictured, self._run_status, self.lines,
             *more,
         )  # fmt: skip
 

@@ -19,7 +19,7 @@ from foldcell.calibration.friction import FrictionCalibration, tilted
 from foldcell.calibration.shear import ShearCalibration
 from foldcell.cell.view.entries import style
 from foldcell.cell.view.entries.entry import TIMELINE
-from foldcell.cell.view.entries.scene import facing_normals
+from foldcell.cell.view.entries.scene import mesh, moved_mesh
 from foldcell.cell.view.streams import begin_stream
 from foldcell.robots.errors import StorageError
 from foldcell.skills.vocabulary import Array
@@ -122,12 +122,4 @@ def _pictures(
 def _mesh(
     stream: rr.RecordingStream, path: str, x: Array, faces: NDArray[np.int32], colour: tuple[int, ...], first: bool
 ) -> None:
-    x, normals = x.astype(np.float32), facing_normals(x, faces).astype(np.float32)
-    if first:
-        stream.log(
-            path,
-            rr.Mesh3D(vertex_positions=x, triangle_indices=faces.astype(np.uint32), vertex_normals=normals,
-                      albedo_factor=(*colour, 255)),
-        )  # fmt: skip
-    else:
-        stream.log(path, rr.Mesh3D.from_fields(vertex_positions=x, vertex_normals=normals))
+    stream.log(path, mesh(x, faces, (*colour, 255)) if first else moved_mesh(x, faces))

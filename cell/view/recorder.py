@@ -36,7 +36,7 @@ from foldcell.robots.ports import Array, CameraFrame, GripperState, JointState, 
 from foldcell.robots.robot import RobotVisual
 from foldcell.skills.vocabulary import CameraCalibration, FoldStep, GarmentState, GraspId, PredictedShape, Table
 
-__all__ = ["APPLICATION", "Recorder", "RecorderObserver"]
+__all__ = ["APPLICATION", "Recorder"]
 
 K = TypeVar("K")
 
@@ -128,7 +128,19 @@ class Recorder:
                 drop_ended_streams()
         return RecordingLosses(dropped, live_dropped, tuple(self._errors), tuple(self._live_errors))
 
-    # called by the runner
+    # observer of the runner
+
+    def entered(self, t: float, step: Step) -> None:
+        self.state(t, step.target.value)
+        self.event(t, f"{step.source.value} --{step.event.value}--> {step.target.value}")
+
+    def performed(self, t: float, step: Step, result: Result) -> None:
+        failure = result.context.failure
+        if result.event in FAILING and failure is not None:
+            level = "ERROR" if result.event in {Event.CRASH, Event.STOP, Event.UNRECORDED} else "WARN"
+            self.event(t, str(failure), level)
+
+    # called by the effects
 
     def state(self, t: float, state: str) -> None:
         """Record that the executive has entered `state`."""
@@ -284,20 +296,3 @@ def _note(errors: list[str], error: BaseException) -> None:
 def _copied_arcs(arcs: Mapping[K, Array]) -> dict[K, Array]:
     """Return read-only copies: the caller may change its own arrays."""
     return {key: frozen(arc) for key, arc in arcs.items()}
-
-
-class RecorderObserver:
-    """An observer of the runner. It records states, transitions, and failures including their hints."""
-
-    def __init__(self, recorder: Recorder) -> None:
-        self._recorder = recorder
-
-    def entered(self, t: float, step: Step) -> None:
-        self._recorder.state(t, step.target.value)
-        self._recorder.event(t, f"{step.source.value} --{step.event.value}--> {step.target.value}")
-
-    def performed(self, t: float, step: Step, result: Result) -> None:
-        failure = result.context.failure
-        if result.event in FAILING and failure is not None:
-            level = "ERROR" if result.event in {Event.CRASH, Event.STOP, Event.UNRECORDED} else "WARN"
-            self._recorder.event(t, str(failure), level)

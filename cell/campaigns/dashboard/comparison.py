@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
@@ -53,14 +53,11 @@ class Row:
 
 @dataclass(frozen=True)
 class Comparison:
-    """pictures: a caption, and the paths of the same picture of both runs, relative to the logs folder (empty for
-    none). difference: settings, versions, decisions and figures; None if the journals do not have both runs.
-    notices: messages about everything that could not be read."""
+    """values: rows of the tables, by their titles. pictures: a caption, and the paths of the same picture of both
+    runs, relative to the logs folder (empty for none). difference: settings, versions, decisions and figures; None
+    if the journals do not have both runs. notices: messages about everything that could not be read."""
 
-    result: Sequence[Row]
-    claim: Sequence[Row]
-    score: Sequence[Row]
-    folds: Sequence[Row]
+    values: Mapping[str, Sequence[Row]]
     pictures: Sequence[tuple[str, str, str]]
     difference: RunDifference | None
     notices: Sequence[str]
@@ -77,10 +74,7 @@ def compare_runs(first: RunEntry, second: RunEntry) -> Comparison:
         except (CellError, OSError, ValueError, LookupError, TypeError, AttributeError) as e:
             notices.append(f"settings and decisions: {e.what if isinstance(e, CellError) else e}")
     return Comparison(
-        result=_rows(first, second, _result),
-        claim=_rows(first, second, _claim),
-        score=_rows(first, second, _score),
-        folds=_rows(first, second, _folds),
+        values={title: _rows(first, second, values) for title, values in VALUES.items()},
         pictures=tuple(_pictures(first, second)),
         difference=difference,
         notices=tuple(notices),
@@ -155,6 +149,14 @@ def _folds(run: RunEntry) -> Values:
         yield f"{title}: IoU", _figure("iou", fold.observed_iou)
         yield f"{title}: height", _figure("height_m", fold.observed_height_m)
         yield f"{title}: drift", _figure("drift_m", fold.drift_m)
+
+
+VALUES: Mapping[str, Callable[[RunEntry], Values]] = {
+    "Result": _result,
+    "Claim of the cell, from the camera": _claim,
+    "Score, the simulated truth": _score,
+    "Folds": _folds,
+}
 
 
 def _answer(value: bool | None) -> Value:

@@ -137,17 +137,12 @@ def _lines(chosen: CellCalibration, end: CalibrationEnd[Any], report: Mapping[st
         for name, value in (report["simulated_truth"] or {}).items():
             yield f"  simulated truth: {name:<11} {_shown(value)}"
         yield f"  file  {report['file']}"
-        yield f"  next: in cell.yaml, {_yaml_setting(chosen.setting, report['file'])}"
+        group, key = chosen.setting.split(".")
+        yield f"  next: in cell.yaml, {group}: {{{key}: {report['file']}}}"
         if report["warning"]:
             yield f"  warning: {report['warning']}"
     yield f"  robot time {end.robot_time_s:.1f} s, wall time {end.wall_time_s:.1f} s"
     yield f"  run   {end.run_dir}"
-
-
-def _yaml_setting(setting: str, path: str) -> str:
-    """Return the line of cell.yaml that names the file."""
-    group, key = setting.split(".")
-    return f"{group}: {{{key}: {path}}}"
 
 
 def _shown(value: Any) -> str:

@@ -198,7 +198,8 @@ class LiveView:
             with self._lock:
                 before = self._moment
             progress = self._progress(before, q) if before.state is state else None
-            if before.state is state and progress == before.progress and _same(before.frame, frame):
+            same = before.frame is not None and np.array_equal(before.frame.rgb, frame.rgb)  # the cell is at rest
+            if before.state is state and progress == before.progress and same:
                 with self._lock:  # nothing is drawn and sent again
                     self._moment = replace(self._moment, taken=taken, advance=advance)
                 return
@@ -286,11 +287,6 @@ class LiveView:
         else:
             picture = draw_live(moment.frame, calibration, moment.context.fold.attempt, moment.progress)
         return moment.number, jpeg_file(picture)
-
-
-def _same(frame: CameraFrame | None, other: CameraFrame) -> bool:
-    """Whether two frames are equal. The frames of a simulated cell at rest are."""
-    return frame is not None and np.array_equal(frame.rgb, other.rgb)
 
 
 def _glimpses(ports: Ports) -> Display:

@@ -84,19 +84,15 @@ class Notifier:
     quiet: bool
     typed: bool
 
-    @property
-    def watching(self) -> tuple[ProgressLines | RunStatus, ...]:
-        return self.lines, self.run_status
-
     def note(self, text: str) -> None:
         """Show a message about what happens in the present state."""
-        for watcher in self.watching:
-            watcher.note(text)
+        self.lines.note(text)
+        self.run_status.note(text)
 
     def computing(self, done: int, total: int, remark: str) -> None:
         """Show the progress of a long computation."""
-        for watcher in self.watching:
-            watcher.computing(done, total, remark)
+        self.lines.computing(done, total, remark)
+        self.run_status.computing(done, total, remark)
 
     def ask(self, what: str | None) -> None:
         """Ask the person for something that the robot cannot do. None withdraws the request."""

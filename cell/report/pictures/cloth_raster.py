@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -104,24 +106,15 @@ def _rasterise(p, triangles, shade, facing, depth, tone, front):  # type: ignore
                     front[row, column] = side
 
 
-@cached()
-def darken(canvas, shadow, strength):  # type: ignore[no-untyped-def]
+def darken(canvas: Picture, shadow: NDArray[Any], strength: float) -> None:
     """Darken a picture (H, W, 3) in place by `strength` (0..1) where the shadow (H, W) is 1."""
-    for row in range(canvas.shape[0]):
-        for column in range(canvas.shape[1]):
-            s = shadow[row, column]
-            if s > 0.0:
-                for k in range(3):
-                    canvas[row, column, k] = np.uint8(canvas[row, column, k] * (1.0 - strength * s) + 0.5)
+    dark = shadow > 0.0
+    left = 1.0 - strength * shadow[dark, None].astype(float)
+    canvas[dark] = (canvas[dark] * left + 0.5).astype(np.uint8)
 
 
-@cached()
-def draw_cloth(canvas, tone, front, front_colour, back_colour):  # type: ignore[no-untyped-def]
-    """Paint rastered cloth onto a part (H, W, 3) of a picture, in place. front_colour, back_colour: (3,)."""
-    for row in range(canvas.shape[0]):
-        for column in range(canvas.shape[1]):
-            t = tone[row, column]
-            if not np.isnan(t):
-                for k in range(3):
-                    colour = front_colour[k] if front[row, column] else back_colour[k]
-                    canvas[row, column, k] = np.uint8(min(255.0, t * colour))
+def draw_cloth(canvas: Picture, tone: NDArray[np.float32], front: NDArray[np.uint8], colours: Array) -> None:
+    """Paint rastered cloth onto a part (H, W, 3) of a picture, in place. colours: (2, 3) of its back and front."""
+    cloth = ~np.isnan(tone)
+    lit = tone[cloth, None].astype(float) * colours[front[cloth]]
+    canvas[cloth] = np.minimum(lit, 255.0).astype(np.uint8)

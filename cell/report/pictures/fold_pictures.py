@@ -239,7 +239,7 @@ def _cloth(
     )
     if drawn is not None:
         part, tone, front = drawn
-        draw_cloth(canvas[part], tone, front, np.array(colours.front, float), np.array(colours.back, float))
+        draw_cloth(canvas[part], tone, front, np.array([colours.back, colours.front], float))
 
 
 def _closed(line: Array) -> Array:

@@ -24,10 +24,30 @@ from foldcell.skills.perception.rectification.table_view import TableView
 from foldcell.skills.vocabulary import CameraCalibration, FoldStep, GarmentState, GraspId, PredictedShape, Table
 
 __all__ = [
-    "CAMERA", "EYE", "LOOK_AT", "TABLE", "TRUTH", "adapted_entries", "arc_entries", "camera_entries",
-    "candidate_entries", "cell_entries", "facing_normals", "joint_names_entries", "jpeg", "log_entries",
-    "mask_entries", "observed_entries", "perception_entries", "plan_entries", "predicted_entries", "state_entries",
-    "truth_entries", ]  # fmt: skip
+    "CAMERA",
+    "EYE",
+    "LOOK_AT",
+    "TABLE",
+    "TRUTH",
+    "adapted_entries",
+    "arc_entries",
+    "camera_entries",
+    "candidate_entries",
+    "cell_entries",
+    "facing_normals",
+    "joint_names_entries",
+    "jpeg",
+    "log_entries",
+    "mask_entries",
+    "mesh",
+    "moved_mesh",
+    "observed_entries",
+    "perception_entries",
+    "plan_entries",
+    "predicted_entries",
+    "state_entries",
+    "truth_entries",
+]  # fmt: skip
 
 TABLE = "world/table"
 CAMERA = f"{TABLE}/camera"
@@ -231,7 +251,7 @@ def adapted_entries(t: float, friction: float, learned: float) -> list[Entry]:
 
 
 def predicted_entries(t: float, shape: PredictedShape) -> list[Entry]:
-    return [Log(f"{TABLE}/predicted", t, (_mesh(shape.vertices, shape.triangles, (*style.PREDICTED, 75)),))]
+    return [Log(f"{TABLE}/predicted", t, (mesh(shape.vertices, shape.triangles, (*style.PREDICTED, 75)),))]
 
 
 def observed_entries(t: float, points: Array) -> list[Entry]:
@@ -246,11 +266,11 @@ def estimate_entries(t: float, says: str, picture: NDArray, shape: PredictedShap
     """Return an estimated state of the garment: the sentence in the log, the candidates over the picture, and the
     shape of the best candidate on the table."""
     path = f"{TABLE}/estimated"
-    mesh = rr.Clear(recursive=True) if shape is None else _mesh(shape.vertices, shape.triangles, (*style.MASK, 90))
+    shown = rr.Clear(recursive=True) if shape is None else mesh(shape.vertices, shape.triangles, (*style.MASK, 90))
     return [
         *log_entries(t, says, "WARN"),
         Log("perception/estimate", t, (jpeg(picture),)),
-        Log(path, t, (mesh,)),
+        Log(path, t, (shown,)),
     ]
 
 
@@ -258,13 +278,17 @@ def truth_entries(t: float, vertices: Array, triangles: NDArray, first: bool) ->
     """Return the simulated garment itself: the whole mesh if `first`, else vertices and normals only."""
     path = f"{TABLE}/{TRUTH}"
     if first:
-        return [Log(path, t, (_mesh(vertices, triangles, (*style.GARMENT, 255)),), essential=True)]
+        return [Log(path, t, (mesh(vertices, triangles, (*style.GARMENT, 255)),), essential=True)]
+    return [Log(path, t, (moved_mesh(vertices, triangles),))]
+
+
+def moved_mesh(vertices: Array, triangles: NDArray) -> rr.Mesh3D:
+    """Return new places for the vertices of a mesh that was recorded before."""
     normals = facing_normals(vertices, triangles).astype(np.float32)
-    moved = rr.Mesh3D.from_fields(vertex_positions=vertices.astype(np.float32), vertex_normals=normals)
-    return [Log(path, t, (moved,))]
+    return rr.Mesh3D.from_fields(vertex_positions=vertices.astype(np.float32), vertex_normals=normals)
 
 
-def _mesh(vertices: Array, triangles: NDArray, colour: tuple[int, ...]) -> rr.Mesh3D:
+def mesh(vertices: Array, triangles: NDArray, colour: tuple[int, ...]) -> rr.Mesh3D:
     return rr.Mesh3D(
         vertex_positions=vertices.astype(np.float32),
         triangle_indices=triangles.astype(np.uint32),
