@@ -20,6 +20,7 @@ from foldcell.cell.support.process.workers import worker_pool
 MAKER = """
 import sys, time
 from pathlib import Path
+from foldcell.cell.support.process.signals import Terminated, unwinding
 from foldcell.cell.support.process.workers import worker_pool
 
 if __name__ == "__main__":
@@ -101,6 +102,7 @@ def test_queued_tasks_are_not_done_after_an_interruption(tmp_path: Path, each: i
 
 COMPILING = """
 import time
+from foldcell.cell.support.process.signals import taking_signals
 from foldcell.skills.compiled import _on_a_thread
 from tests.fakes import FakeCell
 
