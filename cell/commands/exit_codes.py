@@ -20,10 +20,10 @@ from foldcell.cell.support.process.signals import BY_SIGNAL, Terminated, unwindi
 from foldcell.cell.support.process.standard_streams import lasting_streams
 from foldcell.robots.errors import CellError, ConfigurationError, StorageError
 
-__all__ = ["FAULT", "INTERRUPTED", "NOT_DONE", "OK", "USAGE", "framed"]
+__all__ = ["FAULT", "INTERRUPTED", "OK", "USAGE", "framed"]
 
-OK, NOT_DONE, FAULT, USAGE, INTERRUPTED = 0, 2, 3, 64, 130
-"""Exit codes, in this order: done; ended safe but not done; fault; bad usage, configuration or logs; SIGINT. The
+OK, FAULT, USAGE, INTERRUPTED = 0, 3, 64, 130
+"""Exit codes, in this order: done; fault; bad usage, configuration or logs; SIGINT. The
 codes of SIGHUP (129) and SIGTERM (143) follow from BY_SIGNAL in cell/support/process/signals.py."""
 
 UNUSABLE = frozenset({errno.ENAMETOOLONG, errno.EACCES, errno.EPERM})
@@ -40,21 +40,15 @@ def framed(parse: Callable[[], argparse.Namespace], asked_for_json: bool) -> int
     reason, a successful command returns USAGE. Messages of libraries are suppressed. If a signal has ended the
     command while code is compiled (skills/compiled.py), the process ends here, because Python would wait for it.
     """
-    code = _framed(parse, asked_for_json)
-    if any(thread.name == "compiler" for thread in threading.enumerate()):
-        os._exit(code)
-    return code
-
-
-def _framed(parse: Callable[[], argparse.Namespace], asked_for_json: bool) -> int:
     with lasting_streams() as output, unwinding(), quiet_libraries():
         code = _perform(parse, asked_for_json)
         lost = output.lost
-        if code != OK or not isinstance(lost, OSError) or isinstance(lost, BrokenPipeError):
-            return code
-        return _say(
-            USAGE, f"standard output cannot be written: {lost.strerror}", "the command itself was carried out"
-        )
+        if code == OK and isinstance(lost, OSError) and not isinstance(lost, BrokenPipeError):
+            what = f"standard output cannot be written: {lost.strerror}"
+            code = _say(USAGE, what, "the command itself was carried out")
+    if any(thread.name == "compiler" for thread in threading.enumerate()):
+        os._exit(code)
+    return code
 
 
 def _perform(parse: Callable[[], argparse.Namespace], asked_for_json: bool) -> int:

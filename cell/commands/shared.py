@@ -190,3 +190,21 @@ def refuse_drawing(folder: Path, name: str) -> Path:
     path = folder / f"{name}.png"
     refuse_foreign(path, PNG_MARK)
     return path
+
+
+def check_garment_output(path: Path | None, replace: bool) -> None:
+    """Check the garment file that is to be written, before anything is computed. Raises ConfigurationError,
+    StorageError."""
+    from foldcell.cell.config.garments.garment_file import shipped_garment_path
+    from foldcell.cell.support.files.whole_file import refuse_unwritable
+    from foldcell.robots.errors import ConfigurationError
+
+    if path is None:
+        return
+    refuse_unwritable(path)
+    if path.suffix not in (".yaml", ".yml"):
+        raise ConfigurationError(f"{path}: a garment file ends in .yaml", "give another --output")
+    if path.exists() and not replace:
+        shipped = path.resolve().parent == shipped_garment_path("").resolve().parent
+        what = "is a shipped garment file" if shipped else "exists already"
+        raise ConfigurationError(f"{path} {what}", "give another --output, or --replace to write over it")

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from foldcell.cell.journal.journal import Entry, Intent, JournalRun, performed
+from foldcell.cell.journal.journal import Entry, JournalRun, performed
 from foldcell.cell.runs.request_file import SETTINGS
 from foldcell.cell.support.json_values import flattened
 
@@ -60,7 +60,10 @@ def run_difference(
     first: JournalRun, first_entries: Sequence[Entry], second: JournalRun, second_entries: Sequence[Entry]
 ) -> RunDifference:
     """Compare two runs of the journal. Raises StorageError if a run's settings cannot be read."""
-    a, b = ([_decision(x) for x in performed(entries)] for entries in (first_entries, second_entries))
+    a, b = (
+        [Decision(x.name, x.state, x.fold, x.event, x.failure) for x in performed(entries)]
+        for entries in (first_entries, second_entries)
+    )
     alike = next((n for n, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), min(len(a), len(b)))
     then = None
     if alike < max(len(a), len(b)):
@@ -72,10 +75,6 @@ def run_difference(
         then,
         tuple(_differences(_figures(first), _figures(second))),
     )
-
-
-def _decision(intent: Intent) -> Decision:
-    return Decision(intent.name, intent.state, intent.fold, intent.event, intent.failure)
 
 
 def _settings(record: JournalRun) -> dict[str, Any]:

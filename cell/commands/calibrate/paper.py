@@ -9,8 +9,8 @@ from pathlib import Path
 
 from foldcell.calibration.shear import ShearCalibration, clip_and_lowest
 from foldcell.cell.commands.calibrate.fabric_calibrations import hang_test, modulus, tilt_test
-from foldcell.cell.commands.calibrate.run_on_fabric import add_action, check_output, provenance
-from foldcell.cell.commands.shared import Commands, answer, table, teller
+from foldcell.cell.commands.calibrate.run_on_fabric import add_action, provenance
+from foldcell.cell.commands.shared import Commands, answer, check_garment_output, table, teller
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.config.garments.garment_file import load_garment, shipped_garment_path
 from foldcell.cell.config.garments.material_file import with_material
@@ -55,7 +55,7 @@ def _run(options: argparse.Namespace) -> int:
         if name not in PAPER:
             raise ConfigurationError(f"the paper's table has no {name!r}", f"it has {', '.join(PAPER)}")
         if options.output is not None:
-            check_output(options.output / f"{name}.yaml", options.replace)
+            check_garment_output(options.output / f"{name}.yaml", options.replace)
     rows = []
     with report_compilation(tell):
         for name in names:

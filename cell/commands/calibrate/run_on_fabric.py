@@ -10,15 +10,22 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from foldcell.cell.commands.shared import Commands, add_command, answer, cell_option, logs_option, teller
+from foldcell.cell.commands.shared import (
+    Commands,
+    add_command,
+    answer,
+    cell_option,
+    check_garment_output,
+    logs_option,
+    teller,
+)
 from foldcell.cell.config.cell_settings import load_settings
-from foldcell.cell.config.garments.garment_file import garment_path, load_garment, shipped_garment_path
+from foldcell.cell.config.garments.garment_file import garment_path, load_garment
 from foldcell.cell.config.garments.material_file import with_material
 from foldcell.cell.config.yaml_file import read_yaml
 from foldcell.cell.operator.progress.compiling import report_compilation
 from foldcell.cell.support.files.paths import logs_directory, prepare_logs
-from foldcell.cell.support.files.whole_file import refuse_unwritable, write_whole
-from foldcell.robots.errors import ConfigurationError
+from foldcell.cell.support.files.whole_file import write_whole
 from foldcell.skills.garments.garment import Garment
 
 __all__ = [
@@ -26,7 +33,6 @@ __all__ = [
     "Tell",
     "add_action",
     "add_garment_action",
-    "check_output",
     "provenance",
 ]
 
@@ -91,7 +97,7 @@ def _run(options: argparse.Namespace, name: str, measure: Measure, any_surface: 
     tell = teller(options.json)
     source = garment_path(options.garment)
     garment = load_garment(source, _known_surface(source, surface) if any_surface else surface)
-    check_output(options.output, options.replace)
+    check_garment_output(options.output, options.replace)
     folder = _folder(options, name, garment)
     with report_compilation(tell):
         result = measure(garment, options, surface, tell)
@@ -124,19 +130,6 @@ def _known_surface(source: Path, surface: str) -> str:
     if not isinstance(angles, dict) or not angles or surface in angles:  # loading reports any other error
         return surface
     return str(next(iter(angles)))
-
-
-def check_output(path: Path | None, replace: bool) -> None:
-    """Check --output before anything is computed. Raises ConfigurationError."""
-    if path is None:
-        return
-    refuse_unwritable(path)
-    if path.suffix not in (".yaml", ".yml"):
-        raise ConfigurationError(f"--output {path}: a garment file ends in .yaml")
-    if path.exists() and not replace:
-        shipped = path.resolve().parent == shipped_garment_path("").resolve().parent
-        what = "is a shipped garment file" if shipped else "exists already"
-        raise ConfigurationError(f"--output {path} {what}", "give another file, or --replace to write over it")
 
 
 def _folder(options: argparse.Namespace, name: str, garment: Garment) -> Path:

@@ -29,7 +29,7 @@ from foldcell.cell.hardware.placement import (
     refuse_too_large,
 )
 from foldcell.cell.hardware.robot_model import load_robot
-from foldcell.robots.errors import ConfigurationError, Failure
+from foldcell.robots.errors import ConfigurationError
 from foldcell.skills.garments.garment import Garment
 
 
@@ -80,7 +80,10 @@ def _checked(name: str, options: argparse.Namespace, settings: CellSettings) -> 
     placed = _drawn_on_table(garment, settings, options.draw)
     folds = _folds_on_table(name, garment, settings)
     pictures = [path for path in (drawing, placed) if path]
-    refused = _unrecognised(garment, settings)
+    # loaded only now, because perception takes a second to load, and a file is refused sooner
+    from foldcell.cell.hardware.own_picture import own_picture_refused
+
+    refused = own_picture_refused(garment, settings)
     words, good, predicted = list[str](), True, None
     if not options.no_predictions:
         # loaded only now, because the simulation takes seconds to load, and a file is refused sooner
@@ -115,14 +118,6 @@ def _drawn_on_table(garment: Garment, settings: CellSettings, folder: Path | Non
 
     picture = draw_cell(settings, load_robot(settings), garment, garment.poses.middle)
     return write_drawing(folder, f"{garment.name}-on-table", picture)
-
-
-def _unrecognised(garment: Garment, settings: CellSettings) -> Failure | None:
-    """Return why the garment would not be recognised on this table; None if it would be."""
-    # loaded only now, because perception takes a second to load, and a file is refused sooner
-    from foldcell.cell.hardware.own_picture import own_picture_refused
-
-    return own_picture_refused(garment, settings)
 
 
 def _folds_on_table(name: str, garment: Garment, settings: CellSettings) -> list[PlacedFold]:

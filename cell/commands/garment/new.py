@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -13,18 +13,24 @@ from typing import Any
 import numpy as np
 
 from foldcell.calibration.shear import clip_and_lowest
-from foldcell.cell.commands.shared import Commands, add_command, answer, cell_option, page_options
+from foldcell.cell.commands.shared import (
+    Commands,
+    add_command,
+    answer,
+    cell_option,
+    check_garment_output,
+    page_options,
+)
 from foldcell.cell.commands.skill.perceive import depth_options, look_at, write_refused
 from foldcell.cell.config.cell_settings import CellSettings, load_settings
 from foldcell.cell.config.garments.garment_file import load_garment
 from foldcell.cell.config.garments.key_points_file import read_checked_key_points
 from foldcell.cell.hardware.photograph import Photograph, picture_measure, read_photograph
 from foldcell.cell.support.files.encoded_picture import write_png
-from foldcell.cell.support.files.whole_file import PNG_MARK, refuse_foreign, refuse_unwritable
+from foldcell.cell.support.files.whole_file import PNG_MARK, refuse_foreign
 from foldcell.robots.errors import ConfigurationError
 from foldcell.robots.ports import Array
 from foldcell.skills.garments.garment import Garment
-from foldcell.skills.garments.key_point_check import KeyPointFinding
 from foldcell.skills.garments.picture_measure import PictureMeasure
 from foldcell.skills.perception.drawing import draw_on_camera, draw_overlay
 
@@ -70,11 +76,7 @@ def run(options: argparse.Namespace) -> int:
     like = load_garment(options.like, settings.surface)
     pair = _measured(options, like)
     output = _output(options)
-    if output.exists() and not options.replace:
-        raise ConfigurationError(f"{output} exists", "give another --output, or --replace to write over it")
-    if output.suffix not in (".yaml", ".yml"):
-        raise ConfigurationError(f"{output}: a garment file ends in .yaml", "give another --output")
-    refuse_unwritable(output)
+    check_garment_output(output, options.replace)
     if options.edit or options.key_points is not None:
         refuse_foreign(_points_picture(output), PNG_MARK)
     if options.edit:
@@ -112,7 +114,8 @@ def _from_key_points(
     measure = picture_measure(photograph, settings, pair, options.length)
     pixels, doubts = read_checked_key_points(options.key_points, like, measure)
     overlay, template = _by_hand(options, settings, like, photograph, measure, pixels)
-    return _say(options, like, template, output, overlay, {"recognised": False, "doubts": _texts(doubts)})
+    found = {"recognised": False, "doubts": [f"{doubt.what}: {doubt.hint}" for doubt in doubts]}
+    return _say(options, like, template, output, overlay, found)
 
 
 def _from_page(
@@ -165,10 +168,6 @@ def _points_picture(output: Path) -> Path:
     return output.with_name(f"{output.stem}-key-points.png")
 
 
-def _texts(findings: Sequence[KeyPointFinding]) -> list[str]:
-    return [f"{finding.what}: {finding.hint}" for finding in findings]
-
-
 def _write(
     options: argparse.Namespace, settings: CellSettings, points: Array, pair: tuple[int, int] | None, how: str
 ) -> Array:
@@ -207,7 +206,9 @@ def _say(
 
 
 def _output(options: argparse.Namespace) -> Path:
-    return options.output or Path(f"{_name(options.image.stem)}.yaml")
+    # a name in the style of the shipped garment files
+    name = re.sub(r"[^a-z0-9]+", "_", options.image.stem.lower()).strip("_")
+    return options.output or Path(f"{name or 'garment'}.yaml")
 
 
 def _title(options: argparse.Namespace) -> str:
@@ -250,8 +251,3 @@ def _scaled(options: argparse.Namespace, like: Garment, pair: tuple[int, int] | 
     if pair is None:
         return "the cell's camera"
     return f"{like.keypoints[pair[0]]} to {like.keypoints[pair[1]]}: {options.length:g} m"
-
-
-def _name(stem: str) -> str:
-    """Return a file name in the style of the shipped garment files."""
-    return re.sub(r"[^a-z0-9]+", "_", stem.lower()).strip("_") or "garment"

@@ -89,11 +89,17 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     logs = logs_to_read(options.logs)
-    runs = _read(journal_path(logs), options.last)
+    runs: list[ListedRun] = []
+    if journal_path(logs).exists():
+        with Journal.open(journal_path(logs), readonly=True) as journal:
+            rows = journal.runs()
+            runs = [ListedRun.of(journal, run) for run in (rows[-options.last :] if options.last else rows)]
     folders = [path.parent for path in sorted(logs.glob(f"*/{MANIFEST}"))]
     campaigns = [_campaign_figures(path) for path in (folders[-options.last :] if options.last else folders)]
     figures = {"logs": logs, "runs": [each.as_json() for each in runs], "campaigns": campaigns}
-    lines = _lines_of_campaigns(campaigns) if campaigns else [] if runs else [f"no runs yet in {logs}"]
+    lines = _lines_of_campaigns(campaigns) if campaigns else []
+    if not campaigns and not runs:
+        lines = [f"no runs yet in {logs}"]
     if runs:
         names = ("run", "garment", "seed", "driver", "started", "robot s", "wall s", "how it ended")
         lines += table(names, [each.row for each in runs])
@@ -135,11 +141,3 @@ def _lines_of_campaigns(campaigns: list[dict[str, Any]]) -> list[str]:
     if unfinished:
         lines.append(f"continue the last unfinished one: foldcell trials --resume {unfinished[-1]}")
     return [*lines, ""]
-
-
-def _read(journal_file: Path, last: int | None) -> list[ListedRun]:
-    if not journal_file.exists():
-        return []
-    with Journal.open(journal_file, readonly=True) as journal:
-        runs = journal.runs()
-        return [ListedRun.of(journal, run) for run in (runs[-last:] if last else runs)]

@@ -7,7 +7,7 @@ import argparse
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -71,7 +71,8 @@ def run(options: argparse.Namespace) -> int:
     if options.junit is not None:
         refuse_foreign(options.junit, b'<testsuite name="foldcell hil"')
     logs = prepare_logs(logs_directory(options.logs), space_for(len(scripts)))
-    with _owned(logs, options.driver):
+    # each simulated run has its own cell; a real one is owned for all scripts
+    with nullcontext() if is_simulated(options.driver) else OwnerLock(logs / "cell.lock"):
         return _campaign(options, settings, scripts, campaign_folder(logs, "hil"))
 
 
@@ -116,12 +117,6 @@ def _perform(
         if performance.result is not None and performance.result.signal is not None:
             return performance.result.signal
     return None
-
-
-def _owned(logs: Path, driver: str) -> AbstractContextManager[Any]:
-    """Return the lock of a real cell, which is held for all scripts. Simulated runs need no lock, because each run
-    has its own cell."""
-    return nullcontext() if is_simulated(driver) else OwnerLock(logs / "cell.lock")
 
 
 def _files(given: list[Path]) -> list[Path]:

@@ -9,7 +9,6 @@ from foldcell.cell.commands.shared import answer, cell_option, confirmed
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.hardware.driver import stop_circuit
 from foldcell.robots.errors import DriverError, FailureKind
-from foldcell.robots.ports import Stop
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -26,7 +25,7 @@ def run(options: argparse.Namespace) -> int:
             return _report(options, "not stopped", "the robot is not stopped")
         if not (options.yes or _agreed(before.reason)):
             return _report(options, "stopped", f"still stopped: {before.reason}")
-        if _pressed_since(stop, before.reason):
+        if stop.state().reason != before.reason:  # the person agreed to another one
             return _report(options, "stopped", f"stopped again meanwhile: {stop.state().reason}")
         try:
             stop.reset()
@@ -35,11 +34,6 @@ def run(options: argparse.Namespace) -> int:
                 raise
             return _report(options, "stopped", f"{e.what}; {e.hint}")
         return _report(options, "reset", f"reset ({before.reason}); the motors stay off until the next run")
-
-
-def _pressed_since(stop: Stop, reason: str) -> bool:
-    """Whether the stop now has another reason. reason: the reason for which the person agreed to the reset."""
-    return stop.state().reason != reason
 
 
 def _agreed(reason: str) -> bool:

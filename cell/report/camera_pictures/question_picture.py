@@ -99,7 +99,9 @@ def draw_failure(frame: CameraFrame, calibration: CameraCalibration, context: Ru
     drawing, attempt = ProjectedDrawing(frame, calibration), context.fold.attempt
     entries = []
     if attempt is not None and context.plan is not None:
-        expected = attempt.predicted if attempt.carried else _believed(context.plan)
+        plan = context.plan
+        believed = PredictedShape(plan.vertices, plan.mesh.triangles, plan.mesh.rest)
+        expected = attempt.predicted if attempt.carried else believed
         for contour in _contours(expected):
             drawing.dashes(contour, EXPECTED, closed=True)
         entries.append(("expected", EXPECTED, True))
@@ -191,10 +193,6 @@ def _fold_line(attempt: Attempt, garment: Array | None) -> Array:
 
 def _contours(shape: PredictedShape) -> list[Array]:
     return [c for c in outline(shape.vertices, shape.triangles) if np.ptp(c, axis=0).max() > TOO_SHORT]
-
-
-def _believed(plan: Plan) -> PredictedShape:
-    return PredictedShape(plan.vertices, plan.mesh.triangles, plan.mesh.rest)
 
 
 def _title(context: RunContext, plan: Plan) -> str:
