@@ -53,7 +53,7 @@ def examine(logs: Path) -> list[Check]:
         _packages,
         *(partial(_robot_model, name) for name in list_robots()),
         _compile_cache,
-        partial(_writable, "user cache", user_cache(), "robot meshes are converted again at every start"),
+        _user_cache,
         partial(_logs, logs),
         partial(_disk, logs),
         _memory,
@@ -209,6 +209,10 @@ def _compile_cache() -> Iterable[Check]:
             yield replace(check, found=f"{folder}; all {loaded} compiled functions load")
         else:
             yield replace(check, hint=check.hint + "; or name another folder with NUMBA_CACHE_DIR")
+
+
+def _user_cache() -> Iterable[Check]:
+    yield from _writable("user cache", user_cache(), "robot meshes are converted again at every start")
 
 
 def _writable(name: str, folder: Path, without: str) -> Iterable[Check]:
