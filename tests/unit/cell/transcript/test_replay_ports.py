@@ -73,7 +73,7 @@ def work(ports: Ports, commands: CommandQueue) -> list[Any]:
     return told
 
 
-class Heard(NamedTuple):
+class Recorded(NamedTuple):
     ports: Ports
     commands: CommandQueue
 
@@ -83,7 +83,7 @@ def taken_down(
 ) -> Any:
     """The result of `act`, whose transcript is written into the folder."""
     port_recorder = PortRecorder(folder)
-    heard = Heard(*port_recorder.between(cell.ports(), commands or CommandQueue()))
+    heard = Recorded(*port_recorder.between(cell.ports(), commands or CommandQueue()))
     try:
         return act(heard.ports, heard.commands)
     finally:
@@ -238,7 +238,7 @@ def test_the_stop_works_from_any_thread_and_is_not_recorded(tmp_path: Path) -> N
 
 def test_the_stop_works_when_recording_fails(tmp_path: Path) -> None:
     cell, port_recorder = FakeCell(), PortRecorder(tmp_path)
-    heard = Heard(*port_recorder.between(cell.ports(), CommandQueue()))
+    heard = Recorded(*port_recorder.between(cell.ports(), CommandQueue()))
     assert port_recorder._writer is not None
     port_recorder._writer.fail("the disk is gone")
     heard.ports.stop.trigger("the button")
@@ -251,7 +251,7 @@ def test_an_invalid_driver_answer_ends_the_transcript_and_not_the_run(tmp_path: 
     ports = FakeCell().ports()
     no_time = object()
     ports.clock.now = lambda: no_time  # type: ignore[attr-defined, method-assign, assignment, return-value]
-    heard = Heard(*port_recorder.between(ports, CommandQueue()))
+    heard = Recorded(*port_recorder.between(ports, CommandQueue()))
     assert heard.ports.clock.now() is no_time
     assert "clock.now" in (port_recorder.close() or "")
 
@@ -277,7 +277,7 @@ def test_a_stop_during_computing_is_replayed_at_any_computing_speed(
     replayed."""
     cell, port_recorder, free = FakeCell(), PortRecorder(tmp_path), threading.Event()
     ports = cell.ports()
-    heard = Heard(*port_recorder.between(ports, CommandQueue()))
+    heard = Recorded(*port_recorder.between(ports, CommandQueue()))
     workcell = fake_workcell(cell, workers, ports=heard.ports, watched_stop=ports.stop)
     if pressed:
         threading.Timer(0.1, ports.stop.trigger, ["button"]).start()
@@ -345,7 +345,7 @@ def test_every_port_is_wrapped_for_recording(tmp_path: Path) -> None:
 
 def test_ports_are_not_wrapped_without_a_recording(tmp_path: Path) -> None:
     bare, queue, port_recorder = FakeCell().ports(), CommandQueue(), PortRecorder(None)
-    heard = Heard(*port_recorder.between(bare, queue))
+    heard = Recorded(*port_recorder.between(bare, queue))
     assert heard.ports is bare and heard.commands is queue
     port_recorder.end()
     assert port_recorder.close() is None and list(tmp_path.iterdir()) == []
