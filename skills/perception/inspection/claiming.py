@@ -25,10 +25,14 @@ from foldcell.skills.vocabulary import FailureKind
 
 __all__ = ["Displacement", "Layers", "SeenFolds", "claim_fold", "displacement_of"]
 
-IOU_SIGMA = 0.010
+OVERLAP, BY_PREDICTED, BY_CREASE, OVERLAP_SIGMA = 0.232, 0.775, 1.338, 0.0085
+"""The overlap with the target, as the score measures it: `OVERLAP`, plus a share of the aligned overlap with the
+prediction, less a share of the highest crease [1/m], with this standard deviation. Least squares over 86 runs of
+eleven garments. The camera's own overlap with the target is 0.02 to 0.06 larger for towels and trousers: it is
+aligned by the outline alone, and a crease that stands high hides how much cloth it has drawn in."""
 DRIFT_SIGMA = 0.004
 DRIFT_ANGLE_SIGMA = float(np.deg2rad(1.0))
-"""Standard deviations of the figures of the shape: overlap, displacement [m] and angle [rad]."""
+"""Standard deviations of the displacement [m] and its angle [rad]."""
 
 SURE = 2.0 / 3.0
 """Smallest probability with which the shape and the flatness are claimed. A false claim counts twice as much as a
@@ -207,11 +211,21 @@ def _probable_shape(
     within = (
         HIDDEN_GOOD ** len(folds.hidden),
         max(map(_apart, (*folds.earlier, seen)), key=lambda apart: apart.mean).at_most(Normal(MOST_APART, 0.0)),
-        Normal(errors.iou, 0.0).at_most(Normal(target.iou, IOU_SIGMA)),
+        Normal(errors.iou, 0.0).at_most(_overlap(seen, target)),
         Normal(moved.drift_m, DRIFT_SIGMA).at_most(Normal(errors.drift, 0.0)),
         Normal(moved.drift_rad, DRIFT_ANGLE_SIGMA).at_most(Normal(errors.drift_angle, 0.0)),
     )
     return math.prod(within)
+
+
+def _overlap(seen: Inspection, target: TargetView) -> Normal:
+    """Return the overlap with the target that the score would measure. Where no crease is seen, the predicted one
+    counts."""
+    crease = target.observed.crease_height_m
+    if not math.isfinite(crease):
+        crease = target.predicted.crease_height_m
+    drawn_in = BY_CREASE * crease if math.isfinite(crease) else 0.0
+    return Normal(OVERLAP + BY_PREDICTED * seen.iou_aligned - drawn_in, OVERLAP_SIGMA)
 
 
 def _apart(seen: Inspection) -> Normal:
