@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from benchmarks.reference.markdown import table as _table
 from foldcell.cell.campaigns.faults.fault_table import FaultEntry, read_fault_table
 from foldcell.cell.simulation import TRAITS
 
@@ -39,6 +40,12 @@ def page() -> str:
     rows += ["", "| strikes | states, drawn evenly over their usual length |", "|---|---|"]
     for name, stage in table.stages.items():
         rows.append(f"| {name.replace('_', ' ')} | {', '.join(s.value for s in stage.moment.during)} |")
+    kinds = [
+        (f"`{kind.value}`", each.what, "" if each.size is None else f"{each.size:g}{UNITS[each.unit]}",
+         _lasting(each.duration))
+        for kind, each in TRAITS.items()
+    ]  # fmt: skip
+    rows += ["", "## Kinds", "", *_table(("kind", "what happens", "size, if none is stated", "lasts"), kinds)]
     return INTRO + "\n".join(rows) + "\n"
 
 
@@ -52,5 +59,8 @@ def _size(entry: FaultEntry) -> str:
 def _duration(entry: FaultEntry) -> str:
     if entry.duration_s is not None:
         return f"{entry.duration_s:g} s"
-    default = TRAITS[entry.kind].duration
-    return "at once" if default is None else "for good" if default == float("inf") else f"{default:g} s"
+    return _lasting(TRAITS[entry.kind].duration)
+
+
+def _lasting(duration: float | None) -> str:
+    return "at once" if duration is None else "for good" if duration == float("inf") else f"{duration:g} s"
