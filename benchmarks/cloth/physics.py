@@ -128,7 +128,7 @@ def conservation(quick: bool, tell: Tell) -> dict[str, Any]:
     )
     v = np.random.default_rng(5).normal(scale=0.5, size=(len(mesh.rest), 3))
     s.set_positions(s.positions, v)
-    mass = 1.0 / s.inverse_mass[:, None]
+    mass = 1.0 / s._body.w[:, None]
     energy = [float((mass * v**2).sum())]
     for _ in range(30):
         s.advance(1)

@@ -152,8 +152,7 @@ def build_clusters(mesh: ClothMesh, edge: NDArray[np.int32]) -> Clusters:
     owned, edge_start, of_edge = _lanes(edges, len(edge))
     vertex, vertex_start, of_vertex = _lanes(vertices, len(mesh.rest))
     corner, corner_start, find = _corners(mesh, clusters)
-    slot = np.zeros(len(of_tri), np.intp)
-    slot[tri[tri >= 0]] = np.flatnonzero(tri.ravel() >= 0)
+    slot = _inverse(tri, len(of_tri))
     ring, ring_start = _rows([slot[tris] for tris in _rings(edge_tri[paired], clusters)])
     near = _beside(mesh, clusters)
     beside, beside_start = _rows(near)
@@ -226,7 +225,7 @@ def _inverse(owned: NDArray[np.int32], n: int) -> NDArray[np.int32]:
 
 
 def _beside_edges(
-    edge_tri: NDArray[np.int32], paired: NDArray[np.bool_], owned: NDArray[np.int32], slot: NDArray[np.intp]
+    edge_tri: NDArray[np.int32], paired: NDArray[np.bool_], owned: NDArray[np.int32], slot: NDArray[np.int32]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Return the two triangles beside each edge of `owned`, (rows, 2, LANES). A triangle is stated as
     cluster x LANES + lane. An edge is `paired` if it has two triangles of one layer; without them both values are

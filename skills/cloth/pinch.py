@@ -64,12 +64,10 @@ class Patch:
 @dataclass(frozen=True)
 class PinchReport:
     """Result of a pinch. held_points: number of held points, 0 if the pads closed on nothing; layers: largest
-    number of layers at one place along the width; consumed: largest length of cloth drawn to the middle of the
-    pads [m]."""
+    number of layers at one place along the width."""
 
     held_points: int
     layers: int
-    consumed: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +90,7 @@ class PinchedPoints:
 
     @property
     def report(self) -> PinchReport:
-        consumed = float(np.abs(self.offset[:, 1]).max()) if len(self.offset) else 0.0
-        return PinchReport(len(self.offset), self.layers, consumed)
+        return PinchReport(len(self.offset), self.layers)
 
 
 def find_pinched(

@@ -43,7 +43,6 @@ from foldcell.skills.cloth.state import (
     VT,
     Body,
     Holds,
-    Pairs,
     SolverParameters,
     State,
     new_holds,
@@ -151,11 +150,6 @@ class ClothSimulation:
     def asleep(self) -> NDArray[np.bool_]:
         """(n,) True for vertices at rest."""
         return ~self._state.awake
-
-    @property
-    def inverse_mass(self) -> Array:
-        """(n,) inverse masses of the vertices [1/kg] (a copy)."""
-        return self._body.w.copy()
 
     def press(self, pressure: Array | float) -> None:
         """Let bodies press on the cloth with `pressure` [Pa], (n,) or equal for all vertices, until the next call.
@@ -402,7 +396,7 @@ class ClothSimulation:
         self._pairs = new
 
 
-def _remembered(pairs: Pairs, counts: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
+def _remembered(pairs: Any, counts: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
     """Return views of what the loop remembers from one call to the next: the pairs, and the vertices of the latest
     contacts, which keep their neighbours awake. The loop fills all other lists anew, because each call begins with
     a narrow phase."""

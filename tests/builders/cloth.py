@@ -12,17 +12,24 @@ from numba import njit
 from foldcell.robots.ports import Array
 from foldcell.skills.cloth.elasticity import shuffled
 from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.cloth.simd.aligned_arrays import aligned_zeros
+from foldcell.skills.cloth.simd.vec3 import WIDTH
 from foldcell.skills.cloth.solver import ClothSimulation
 from foldcell.skills.plane import rotation
 from foldcell.skills.vocabulary import Material
 
-__all__ = ["COTTON", "EVERY_EDGE", "call", "crease_angles", "straight", "turned"]
+__all__ = ["COTTON", "EVERY_EDGE", "call", "crease_angles", "rows", "straight", "turned"]
 
 EVERY_EDGE = np.float32(2.0)  # cosine from which an edge is a ridge, so that every edge is one
 COTTON = Material(
     areal_mass=0.3, stretch_fraction=0.02, bending_length=0.016, thickness=0.003, friction_static=0.6,
     friction_dynamic=0.55, friction_layers=0.5,
 )  # fmt: skip
+
+
+def rows(n: int) -> Array:
+    """Return zeros (n, WIDTH) in which each row is within one cache line."""
+    return aligned_zeros((n, WIDTH))
 
 
 @njit(nogil=True)

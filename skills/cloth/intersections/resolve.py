@@ -17,14 +17,13 @@ keeps it until the cloth wakes.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from foldcell.robots.ports import Array
 from foldcell.skills.cloth.inner import inner
 from foldcell.skills.cloth.intersections.crossings import crosses
+from foldcell.skills.cloth.simd.aligned_arrays import Table, named_arrays, zeros
 from foldcell.skills.cloth.simd.vec3 import cross, dot, load
 
 STEP = 0.1  # x thickness: how far an examination moves the edge and the triangle of a crossing apart
@@ -36,30 +35,24 @@ FAINT = 0.05  # directions shorter than this are ignored, since flat parts that 
 MOST = 512  # largest number of crossings that are resolved together; other crossings wait
 
 
-class Intersections(NamedTuple):
-    """Results of the examinations. found: (1,) number of crossings at the last examination (MOST at most); cross:
-    (MOST, 2) edges and the triangles that they pass through; the first found[0] rows are valid. age: (n,) number
-    of consecutive examinations at which a vertex was part of a crossing. Scratch: old: (MOST, 2) crossings that
-    are being resolved; way: (MOST, 3) directions in which their edges should move relative to the triangles, table
-    frame, without unit; wish: (n, 3) sums of unit directions at the vertices."""
+_INTERSECTIONS: Table = {
+    "found": (np.int64, 1),
+    "cross": (np.int32, MOST, 2),
+    "age": (np.int32, "n"),
+    "old": (np.int32, MOST, 2),
+    "way": (float, MOST, 3),
+    "wish": (float, "n", 3),
+}
+Intersections = named_arrays("Intersections", _INTERSECTIONS, __name__)
+"""Results of the examinations. found: (1,) number of crossings at the last examination (MOST at most); cross:
+(MOST, 2) edges and the triangles that they pass through; the first found[0] rows are valid. age: (n,) number
+of consecutive examinations at which a vertex was part of a crossing. Scratch: old: (MOST, 2) crossings that
+are being resolved; way: (MOST, 3) directions in which their edges should move relative to the triangles, table
+frame, without unit; wish: (n, 3) sums of unit directions at the vertices."""
 
-    found: NDArray[np.int64]
-    cross: NDArray[np.int32]
-    age: NDArray[np.int32]
-    old: NDArray[np.int32]
-    way: Array
-    wish: Array
 
-
-def no_intersections(vertices: int) -> Intersections:
-    return Intersections(
-        np.zeros(1, np.int64),
-        np.zeros((MOST, 2), np.int32),
-        np.zeros(vertices, np.int32),
-        np.zeros((MOST, 2), np.int32),
-        np.zeros((MOST, 3)),
-        np.zeros((vertices, 3)),
-    )
+def no_intersections(vertices: int) -> Any:
+    return Intersections(**zeros(_INTERSECTIONS, n=vertices))
 
 
 @inner()

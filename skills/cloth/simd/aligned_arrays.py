@@ -1,4 +1,4 @@
-"""Allocates arrays that begin at a cache line.
+"""Allocates arrays that begin at a cache line, single ones and whole tables of them.
 
 A SIMD register is as long as a cache line (64 bytes) or half as long. In an array that does not begin at a cache
 line, every register or every second register spans two lines, and reading it takes twice as long.
@@ -6,14 +6,19 @@ line, every register or every second register spans two lines, and reading it ta
 
 from __future__ import annotations
 
+from collections import namedtuple
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-__all__ = ["LINE_BYTES", "aligned", "aligned_zeros"]
+__all__ = ["LINE_BYTES", "Table", "aligned", "aligned_zeros", "named_arrays", "zeros"]
 
 LINE_BYTES = 64
+
+Table = Mapping[str, tuple[Any, ...]]
+"""Named arrays: name -> its type of numbers, then its shape, of numbers and of names of sizes."""
 
 
 def aligned_zeros(shape: int | tuple[int, ...], dtype: DTypeLike = float) -> NDArray[Any]:
@@ -29,3 +34,17 @@ def aligned(a: NDArray[Any]) -> NDArray[Any]:
     made = aligned_zeros(a.shape, a.dtype)
     made[...] = a
     return made
+
+
+def named_arrays(name: str, table: Table, module: str) -> Any:
+    """Return the named tuple `name` of the arrays of a table. It is a variable of this name in the
+    module, where numba finds it."""
+    return namedtuple(name, list(table), module=module)
+
+
+def zeros(table: Table, **sizes: int) -> dict[str, NDArray[Any]]:
+    """Return name -> array of zeros for each row of a table. sizes: the numbers for the names in its shapes."""
+    return {
+        name: aligned_zeros(tuple(sizes[k] if isinstance(k, str) else k for k in shape), kind)
+        for name, (kind, *shape) in table.items()
+    }

@@ -1,7 +1,7 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
 """SIMD type of a point or direction, one register of four doubles, for compiled code.
 
-Arrays of vectors have four columns (`rows` allocates them); the fourth column is always zero. `load` reads a row
+Arrays of vectors have four columns; the fourth column is always zero. `load` reads a row
 and `store` writes it; `store_singles` stores a vector in single precision. `vector(x, y, z)` makes a vector. a +
 b, a - b, -a, s * a (s a float), `dot` and `cross` compute with vectors. A row of four weights is not a vector but
 can be loaded like one: `spread` then returns four registers, each with one weight in every lane, and a * b
@@ -18,13 +18,11 @@ from llvmlite import ir
 from numba import types
 from numba.extending import overload
 
-from foldcell.robots.ports import Array
 from foldcell.skills.cloth.inner import inner
-from foldcell.skills.cloth.simd.aligned_arrays import aligned_zeros
 from foldcell.skills.cloth.simd.registers import INDEX, ArrayOf, Register, elementwise, mixed, operation, splat_of
 
 __all__ = [
-    "PLACES", "VECTORS", "WIDTH", "cross", "dot", "load", "members", "rows", "spread", "store", "store_singles",
+    "PLACES", "VECTORS", "WIDTH", "cross", "dot", "load", "members", "spread", "store", "store_singles",
     "vector", "vector_type",
 ]  # fmt: skip
 
@@ -32,11 +30,6 @@ WIDTH = 4
 vector_type = Register(types.float64, WIDTH, ("contract",))
 VECTORS, MEMBERS = ArrayOf(2, (types.float64,)), ArrayOf(2, (types.uint32,))
 PLACES = types.UniTuple(types.uint32, WIDTH)
-
-
-def rows(n: int) -> Array:
-    """Return zeros (n, WIDTH) in which each row is within one cache line."""
-    return aligned_zeros((n, WIDTH))
 
 
 @operation(vector_type, VECTORS, types.intp)

@@ -13,10 +13,10 @@ import numpy as np
 
 from foldcell.skills.vocabulary import Array
 
-__all__ = ["LeastSquares", "SecantOptions", "secant_levenberg_marquardt"]
+__all__ = ["SecantOptions", "secant_levenberg_marquardt"]
 
-Residual = Callable[[Array], Array]
-ResidualMany = Callable[[Sequence[Array]], Sequence[Array]]
+Residuals = Callable[[Sequence[Array]], Sequence[Array]]
+"""Computes the residual (m,) of each of the points (n,)."""
 
 
 @dataclass(frozen=True)
@@ -36,56 +36,35 @@ class SecantOptions:
     max_evaluations: int = 200
 
 
-@dataclass(frozen=True, eq=False)
-class LeastSquares:
-    """Result of the search. x: (n,) the best point; residual: (m,) at x; cost: |residual|^2 / 2; evaluations:
-    number of residual evaluations; reason: the criterion that ended the search."""
+def secant_levenberg_marquardt(residuals: Residuals, x0: Array, f0: Array, options: SecantOptions) -> Array:
+    """Minimise |residual(x)|^2 / 2 from x0 (n,) with the residual f0 (m,). Returns the best point (n,) to which a
+    step led.
 
-    x: Array
-    residual: Array
-    cost: float
-    evaluations: int
-    reason: str
-
-
-def secant_levenberg_marquardt(
-    residual: Residual,
-    x0: Array,
-    options: SecantOptions = SecantOptions(),
-    many: ResidualMany | None = None,
-    f0: Array | None = None,
-) -> LeastSquares:
-    """Minimise |residual(x)|^2 / 2 from x0 (n,). residual: a function (n,) -> (m,) or scalar.
-
-    The Jacobian is computed once by forward differences (`many` may evaluate these in parallel) and then updated
-    by Broyden's rank-one formula, with an extra difference along a coordinate that the steps neglect. f0: the
-    residual at x0 if it is known. Returns the best point seen, even if the step control rejected it.
+    The Jacobian is computed once by forward differences, in one call of `residuals`, and then updated by Broyden's
+    rank-one formula, with an extra difference along a coordinate that the steps neglect.
     """
-    run = _Run(residual, many, options)
-    x = np.array(x0, dtype=float)
-    f = run.at(x) if f0 is None else run.known(x, f0)
-    if run.evaluations + len(x) > options.max_evaluations:
-        return run.result("evaluations")
-    B = run.differences(x, f)
+    x, f, left = np.array(x0, dtype=float), f0, options.max_evaluations - len(x0)
+    if left < 0:
+        return x
+    steps = options.delta * np.eye(len(x))
+    B = np.column_stack([(value - f) / options.delta for value in residuals(list(x + steps))])
     mu, nu = options.tau * max(float(np.max(np.sum(B * B, axis=0))), 1e-300), 2.0
     turn, stalled = 0, 0
-    while True:
+    while stalled < 2 and np.isfinite(mu):
         g = B.T @ f
         if np.max(np.abs(g)) <= options.gradient_tolerance:
-            return run.result("gradient")
+            break
         h = np.asarray(np.linalg.solve(B.T @ B + mu * np.eye(len(x)), -g), dtype=np.float64)
         if np.linalg.norm(h) <= options.step_tolerance * (np.linalg.norm(x) + options.step_tolerance):
-            return run.result("step")
-        if abs(h[turn]) < 0.8 * np.linalg.norm(h):
-            if run.exhausted:
-                return run.result("evaluations")
-            e = np.zeros(len(x))
-            e[turn] = options.delta
-            B = _broyden(B, e, run.at(x + e) - f)
+            break
+        if abs(h[turn]) < 0.8 * np.linalg.norm(h) and left > 0:
+            B = _broyden(B, steps[turn], residuals([x + steps[turn]])[0] - f)
+            left -= 1
+        if left <= 0:
+            break
         turn = (turn + 1) % len(x)
-        if run.exhausted:
-            return run.result("evaluations")
-        f_new = run.at(x + h)
+        f_new = residuals([x + h])[0]
+        left -= 1
         B = _broyden(B, h, f_new - f)
         gained = float(f @ f - f_new @ f_new) / 2
         predicted = float(h @ (mu * h - g)) / 2
@@ -93,52 +72,11 @@ def secant_levenberg_marquardt(
             stalled = stalled + 1 if gained <= options.improvement_tolerance * (f @ f) / 2 else 0
             x, f = x + h, f_new
             mu, nu = mu * max(1 / 3, 1 - (2 * gained / predicted - 1) ** 3), 2.0
-            if stalled >= 2:
-                return run.result("improvement")
         else:
             mu, nu = mu * nu, 2 * nu
-            if not np.isfinite(mu):
-                return run.result("step")
+    return x
 
 
 def _broyden(B: Array, h: Array, df: Array) -> Array:
     """Return the matrix nearest to B that maps h to df (equation 3.32)."""
     return B + np.outer(df - B @ h, h) / (h @ h)
-
-
-class _Run:
-    """Counts the evaluations and keeps the best point seen."""
-
-    def __init__(self, residual: Residual, many: ResidualMany | None, options: SecantOptions) -> None:
-        self._residual, self._many, self._options = residual, many, options
-        self.evaluations = 0
-        self._best: tuple[float, Array, Array] | None = None
-
-    @property
-    def exhausted(self) -> bool:
-        return self.evaluations >= self._options.max_evaluations
-
-    def at(self, x: Array) -> Array:
-        self.evaluations += 1
-        return self.known(x, self._residual(x))
-
-    def known(self, x: Array, residual: Array) -> Array:
-        f = np.atleast_1d(np.asarray(residual, dtype=float))
-        cost = float(f @ f) / 2
-        if self._best is None or cost < self._best[0]:
-            self._best = (cost, x.copy(), f)
-        return f
-
-    def differences(self, x: Array, f: Array) -> Array:
-        points = [x + e for e in self._options.delta * np.eye(len(x))]
-        if self._many is None:
-            values = [self.at(p) for p in points]
-        else:
-            self.evaluations += len(points)
-            values = [self.known(p, v) for p, v in zip(points, self._many(points), strict=True)]
-        return np.column_stack([(v - f) / self._options.delta for v in values])
-
-    def result(self, reason: str) -> LeastSquares:
-        assert self._best is not None
-        cost, x, f = self._best
-        return LeastSquares(x, f, cost, self.evaluations, reason)

@@ -417,7 +417,7 @@ def _secant(
     def many(points: Sequence[Array]) -> list[Array]:
         return [np.array([c.cost]) for c in evaluator.many([controls(x) for x in points])]
 
-    secant_levenberg_marquardt(lambda x: many([x])[0], x0, options, many=many, f0=np.array([known.cost]))
+    secant_levenberg_marquardt(many, x0, np.array([known.cost]), options)
 
 
 METHODS: dict[str, tuple[Callable[[FoldProblem, Evaluator], object], int]] = {

@@ -103,7 +103,7 @@ def test_edges_that_do_not_match_are_told_of_the_plan_and_not_of_the_simulation(
 
 
 def hands(dropped: tuple[GraspId, ...] = (), **pinches: tuple[int, int]) -> Any:
-    reports = {GraspId(name): PinchReport(points, layers, 0.0) for name, (points, layers) in pinches.items()}
+    reports = {GraspId(name): PinchReport(points, layers) for name, (points, layers) in pinches.items()}
     return SimpleNamespace(pinches=reports, dropped=dropped)
 
 

@@ -71,7 +71,7 @@ class Simulated:
         step = self.planned[-1]
         end = np.array(target_vertices(mesh, step.lines, garment.material))
         end[:, :2] += self.short.get(self.arcs[-1], 0.0) * np.sign(end[:, :1] - end[:, 0].mean())
-        pinches = {i: PinchReport(5, self.layers or g.layers, 0.0) for i, g in step.grasps.items()}
+        pinches = {i: PinchReport(5, self.layers or g.layers) for i, g in step.grasps.items()}
         return SimpleNamespace(vertices=end, pinches=pinches, dropped=())
 
     def search(self, settings: Any, garment: Any, step: FoldStep, *args: Any, watch: Any, **_: Any) -> Any:

@@ -213,7 +213,7 @@ def on_a_slope(count, mu, mu_layers, ratio, mu_dynamic=None):
 
 def table_force(s: ClothSimulation) -> np.ndarray:
     """Force (3,) [N] of the cloth on the table in the last substep, from the momentum that the table absorbed."""
-    w = s.inverse_mass
+    w = s._body.w
     press = s._state.press[:, :3] / np.where(w > 0.0, w, np.inf)[:, None]
     return -press.sum(axis=0) / s._solver_parameters.h**2
 

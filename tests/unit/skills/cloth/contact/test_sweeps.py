@@ -23,8 +23,7 @@ from foldcell.skills.cloth.contact.contacts import (
     solve_contacts,
 )
 from foldcell.skills.cloth.simd.f64x8 import EIGHT, blocks, coordinates, gather, load_f64x8, store_f64x8
-from foldcell.skills.cloth.simd.vec3 import rows
-from tests.builders.cloth import call
+from tests.builders.cloth import call, rows
 
 THICK = 0.003
 

@@ -6,9 +6,8 @@ import pytest
 
 from foldcell.skills.cloth.contact.contacts import RELEASE
 from foldcell.skills.cloth.contact.vertex_triangle import narrow_vertex_triangle
-from foldcell.skills.cloth.simd.vec3 import rows
 from foldcell.skills.cloth.state import new_pairs
-from tests.builders.cloth import call
+from tests.builders.cloth import call, rows
 
 THICK = 0.003
 

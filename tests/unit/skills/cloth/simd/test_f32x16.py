@@ -36,8 +36,8 @@ from foldcell.skills.cloth.simd.i32x16 import (
     vmax_i32x16,
     vmin_i32x16,
 )
-from foldcell.skills.cloth.simd.vec3 import load, rows, store_singles
-from tests.builders.cloth import call
+from foldcell.skills.cloth.simd.vec3 import load, store_singles
+from tests.builders.cloth import call, rows
 
 OPERATIONS = {  # of two registers, and of two arrays
     "add": (lambda a, b: a + b, np.add), "subtract": (lambda a, b: a - b, np.subtract),

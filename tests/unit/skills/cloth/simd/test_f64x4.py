@@ -6,7 +6,8 @@ from numba import njit
 from numba.core.errors import TypingError
 
 from foldcell.skills.cloth.simd.f64x4 import dots, ends, gather_f64x4, load_f64x4, splat_f64x4, where_above
-from foldcell.skills.cloth.simd.vec3 import dot, load, rows, store, vector
+from foldcell.skills.cloth.simd.vec3 import dot, load, store, vector
+from tests.builders.cloth import rows
 
 
 @njit(error_model="numpy")

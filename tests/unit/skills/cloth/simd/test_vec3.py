@@ -5,7 +5,8 @@ import pytest
 from numba import njit
 from numba.core.errors import TypingError
 
-from foldcell.skills.cloth.simd.vec3 import WIDTH, cross, dot, load, members, rows, spread, store, vector
+from foldcell.skills.cloth.simd.vec3 import WIDTH, cross, dot, load, members, spread, store, vector
+from tests.builders.cloth import rows
 
 
 @njit

@@ -36,15 +36,25 @@ def decay(x: np.ndarray) -> np.ndarray:
     return x[0] * np.exp(-x[1] * t) + x[2] - data
 
 
+def minimise(problem, start, options=FINE):  # type: ignore[no-untyped-def]
+    """Return the best point, and the number of points in each call of the problem."""
+    batches: list[int] = []
+
+    def residuals(points):  # type: ignore[no-untyped-def]
+        batches.append(len(points))
+        return [problem(p) for p in points]
+
+    return secant_levenberg_marquardt(residuals, np.array(start), problem(np.array(start)), options), batches
+
+
 @pytest.mark.parametrize(
     ("problem", "start", "tolerance"),
     [(rosenbrock, [-1.2, 1.0], 1e-6), (powell, [3.0, -1.0, 0.0, 1.0], 1e-6), (decay, [1.0, 1.0, 0.0], 1e-7)],
 )
 def test_the_optimum_agrees_with_scipy(problem, start, tolerance) -> None:  # type: ignore[no-untyped-def]
-    ours = secant_levenberg_marquardt(problem, np.array(start), FINE)
+    ours, _ = minimise(problem, start)
     theirs = least_squares(problem, start, xtol=1e-14, ftol=1e-14, gtol=1e-14)
-    assert ours.cost <= theirs.cost + tolerance
-    assert ours.cost == pytest.approx(float(problem(ours.x) @ problem(ours.x)) / 2, abs=1e-15)
+    assert float(problem(ours) @ problem(ours)) / 2 <= theirs.cost + tolerance
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -52,15 +62,15 @@ def test_the_optimum_agrees_with_scipy(problem, start, tolerance) -> None:  # ty
 def test_a_linear_problem_is_solved_exactly(seed: int) -> None:
     rng = np.random.default_rng(seed)
     A, b = rng.normal(size=(8, 3)) + 2 * np.eye(8, 3), rng.normal(size=8)
-    result = secant_levenberg_marquardt(lambda x: A @ x - b, np.zeros(3), replace(FINE, delta=0.1))
-    assert np.allclose(result.x, np.linalg.lstsq(A, b, rcond=None)[0], atol=1e-6)
+    result, _ = minimise(lambda x: A @ x - b, np.zeros(3), replace(FINE, delta=0.1))
+    assert np.allclose(result, np.linalg.lstsq(A, b, rcond=None)[0], atol=1e-6)
 
 
 def test_a_scalar_residual_of_many_variables_decreases() -> None:
     """As in the paper, the residual is one number whose square is minimised."""
     options = SecantOptions(delta=0.1, max_evaluations=80)
-    result = secant_levenberg_marquardt(lambda x: np.array([1 + np.sum((x - 0.3) ** 2)]), np.zeros(6), options)
-    assert result.residual[0] < 1.05
+    result, _ = minimise(lambda x: np.array([1 + np.sum((x - 0.3) ** 2)]), np.zeros(6), options)
+    assert np.sum((result - 0.3) ** 2) < 0.05
 
 
 def test_broydens_update_is_the_smallest_that_satisfies_the_secant_equation() -> None:
@@ -72,39 +82,23 @@ def test_broydens_update_is_the_smallest_that_satisfies_the_secant_equation() ->
     assert np.allclose(new @ across, B @ across), "the update does not change directions across the step"
 
 
-def test_the_budget_is_kept_and_the_best_point_returned() -> None:
-    seen: list[float] = []
-
-    def residual(x: np.ndarray) -> np.ndarray:
-        seen.append(float(rosenbrock(x) @ rosenbrock(x)) / 2)
-        return rosenbrock(x)
-
+def test_the_budget_is_kept_and_no_step_makes_it_worse() -> None:
+    costs = []
     for budget in (1, 4, 9, 20):
-        seen.clear()
-        options = replace(FINE, max_evaluations=budget)
-        result = secant_levenberg_marquardt(residual, np.array([-1.2, 1.0]), options)
-        assert len(seen) == result.evaluations <= budget
-        assert result.cost == min(seen)
+        result, batches = minimise(rosenbrock, [-1.2, 1.0], replace(FINE, max_evaluations=budget))
+        costs.append(float(rosenbrock(result) @ rosenbrock(result)) / 2)
+        assert sum(batches) <= budget
+    assert costs == sorted(costs, reverse=True) and costs[-1] < 0.5 * costs[0]
 
 
-def test_parallel_finite_differences_give_the_same_result() -> None:
-    alone = secant_levenberg_marquardt(decay, np.array([1.0, 1.0, 0.0]), FINE)
-    batches: list[int] = []
-
-    def many(points):  # type: ignore[no-untyped-def]
-        batches.append(len(points))
-        return [decay(p) for p in points]
-
-    together = secant_levenberg_marquardt(decay, np.array([1.0, 1.0, 0.0]), FINE, many=many)
-    assert batches == [3]
-    assert (together.x == alone.x).all() and together.evaluations == alone.evaluations
+def test_the_first_differences_are_one_batch() -> None:
+    assert minimise(decay, [1.0, 1.0, 0.0])[1][:2] == [3, 1]
 
 
-def test_the_result_names_the_stopping_criterion() -> None:
-    def reason(**change: float) -> str:
-        return secant_levenberg_marquardt(decay, np.array([1.0, 1.0, 0.0]), replace(FINE, **change)).reason  # type: ignore[arg-type]
-
-    assert reason(max_evaluations=8) == "evaluations"
-    assert reason(improvement_tolerance=0.5) == "improvement"
-    assert reason(gradient_tolerance=1e3) == "gradient"
-    assert reason(step_tolerance=1e-2) == "step"
+@pytest.mark.parametrize(
+    "change", [{"improvement_tolerance": 0.5}, {"gradient_tolerance": 1e3}, {"step_tolerance": 1e-2}]
+)
+def test_each_tolerance_ends_the_search(change) -> None:  # type: ignore[no-untyped-def]
+    assert len(minimise(decay, [1.0, 1.0, 0.0], replace(FINE, **change))[1]) < len(
+        minimise(decay, [1.0, 1.0, 0.0])[1]
+    )

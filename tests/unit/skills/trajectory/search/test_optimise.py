@@ -313,9 +313,9 @@ def test_a_polish_begins_with_the_cost_of_its_start(method: str, monkeypatch: py
     cannot express."""
     polish, begun = optimise.secant_levenberg_marquardt, []
 
-    def watched(residual, x0, options, many=None, f0=None):  # type: ignore[no-untyped-def]
-        begun.append((float(f0[0]), float(residual(x0)[0])))
-        return polish(residual, x0, options, many=many, f0=f0)
+    def watched(residuals, x0, f0, options):  # type: ignore[no-untyped-def]
+        begun.append((float(f0[0]), float(residuals([x0])[0][0])))
+        return polish(residuals, x0, f0, options)
 
     monkeypatch.setattr(optimise, "secant_levenberg_marquardt", watched)
     frames = frames_of(HALF, TOWEL.material.thickness)
