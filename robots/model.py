@@ -51,12 +51,6 @@ class JointLimits:
                     joint=joint,
                 )
 
-    def scaled(self, factor: float) -> JointLimits:
-        """The same position range, with velocity, acceleration and jerk multiplied by `factor`."""
-        return JointLimits(
-            self.lower, self.upper, self.velocity * factor, self.acceleration * factor, self.jerk * factor
-        )
-
 
 @dataclass(frozen=True, eq=False)
 class ArmChain:

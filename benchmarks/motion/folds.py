@@ -17,6 +17,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
 from benchmarks.motion.bound import time_bound
+from benchmarks.motion.peers import clearance
 from benchmarks.motion.workload import Task, tasks
 from foldcell.cell.config.cell_settings import CellSettings
 from foldcell.robots.model import JointLimits, RobotModel
@@ -188,7 +189,7 @@ class _Ruler:
         travelled = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(q, axis=0)).max(axis=1))])
         marks = np.searchsorted(travelled, np.arange(0.0, travelled[-1] + CLEARANCE_STEP, CLEARANCE_STEP))
         q = q[np.unique(np.minimum(marks, len(q) - 1))]
-        return min(self.plain.clearance(x, allow_fingertips=fingertips) for x in q)
+        return min(clearance(self.plain, x, allow_fingertips=fingertips) for x in q)
 
     def _stop(self, part: ArmTrajectory, found: _Findings) -> None:
         for share in (0.1, 0.3, 0.5, 0.7, 0.9):

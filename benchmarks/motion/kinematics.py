@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.optimize import least_squares
 
+from benchmarks.motion.peers import jacobian
 from foldcell.robots.baxter.names import JOINT_NAMES
 from foldcell.robots.baxter.robot import DESCRIPTION
 from foldcell.robots.bullet.body import joint_map, pb
@@ -134,7 +135,7 @@ def _scipy(model: RobotModel, starts: dict[Side, Array]) -> Solver:
         bounds = (model.planning.lower[cut], model.planning.upper[cut])
         for q0 in starts[side][:PEER_STARTS]:
             end = least_squares(
-                error, np.clip(q0, *bounds), lambda q: -ik.jacobian(chain, q), bounds=bounds, method="trf",
+                error, np.clip(q0, *bounds), lambda q: -jacobian(chain, q), bounds=bounds, method="trf",
                 max_nfev=100,
             )  # fmt: skip
             if np.linalg.norm(end.fun) < 1e-4:

@@ -19,11 +19,10 @@ import platformdirs
 import trimesh
 from trimesh.visual.material import PBRMaterial
 
-from foldcell.robots.bullet.body import BodyDescription, BulletBody
 from foldcell.robots.errors import StorageError
-from foldcell.robots.ports import Side
+from foldcell.robots.urdf.bullet_body import BulletBody
 from foldcell.robots.urdf.description import RobotDescription
-from foldcell.robots.urdf.elements import mesh_path, neighbours, stripped
+from foldcell.robots.urdf.elements import mesh_path, stripped
 from foldcell.robots.urdf.meshes import CREASE, given_colour, glb, plastic, thinned_obj
 
 __all__ = ["load_body", "moving_urdf", "seen_urdf", "viewer_urdf"]
@@ -98,19 +97,7 @@ def viewer_urdf(description: RobotDescription) -> Path:
 
 def load_body(description: RobotDescription, client: int) -> BulletBody:
     """Load the robot into the PyBullet world `client`. Raises StorageError if its files cannot be cached."""
-    return BulletBody(
-        client,
-        BodyDescription(
-            urdf=moving_urdf(description),
-            joint_names=description.joint_names,
-            head_joint=description.camera.head_joint,
-            gripper=description.gripper,
-            tool_links=description.tool_links,
-            disabled_pairs=neighbours(description.urdf()) | description.disabled_pairs(),
-            fingers=[link for side in Side for link in description.fingers[side]],
-            efforts=(*description.efforts, *description.efforts),
-        ),
-    )
+    return BulletBody(client, moving_urdf(description), description)
 
 
 def _without_material(visual: ET.Element) -> None:

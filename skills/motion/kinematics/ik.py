@@ -17,7 +17,7 @@ from foldcell.robots.model import ArmChain, RobotModel
 from foldcell.robots.ports import Array, Side
 from foldcell.skills.compiled import cached
 
-__all__ = ["PathSolution", "arm_seeds", "follow_path", "jacobian", "solve_pose", "solve_seeds", "tool_pose"]
+__all__ = ["PathSolution", "arm_seeds", "follow_path", "solve_pose", "solve_seeds", "tool_pose"]
 
 MAX_ITERATIONS = 60
 STEP_LIMIT = 0.4
@@ -261,28 +261,15 @@ class PathSolution:
     complete: bool
 
 
-def _frames(chain: ArmChain) -> tuple[Array, Array]:
-    """Return working memory for axes and origins (arm, 3) of the joints."""
-    n = len(chain.translation) - 1
-    return np.empty((n, 3)), np.empty((n, 3))
-
-
 def tool_pose(chain: ArmChain, q: Array) -> Array:
     """Compute T_base_tool (4, 4) of one arm at q (arm,)."""
-    T = np.eye(4)
+    T, n = np.eye(4), len(q)
     R, p = np.empty((3, 3)), np.empty(3)
-    _forward(chain.rotation, chain.translation, np.asarray(q, float), *_frames(chain), R, p)
+    _forward(
+        chain.rotation, chain.translation, np.asarray(q, float), np.empty((n, 3)), np.empty((n, 3)), R, p
+    )  # fmt: skip
     T[:3, :3], T[:3, 3] = R, p
     return T
-
-
-def jacobian(chain: ArmChain, q: Array) -> Array:
-    """Jacobian (6, arm) of the tool's origin at q (arm,): linear above angular, in the base frame's axes."""
-    (axes, origins), p = _frames(chain), np.empty(3)
-    J = np.empty((6, len(axes)))
-    _forward(chain.rotation, chain.translation, np.asarray(q, float), axes, origins, np.empty((3, 3)), p)
-    _fill_jacobian(axes, origins, p, J)
-    return J
 
 
 def solve_pose(model: RobotModel, side: Side, T_base_tool: Array, q0: Array, *, gain: float = 0.1) -> Array | None:

@@ -1,4 +1,4 @@
-"""Checks collisions, and computes clearance, between the arms, the robot's body and the table (coal, Pinocchio).
+"""Checks collisions between the arms, the robot's body and the table (coal, Pinocchio).
 
 The table is a solid block from its top to the floor. `body_margin` applies between parts of the robot,
 `table_margin` between the arms and the table. The fingertips may touch the table in a grasp (`allow_fingertips`);
@@ -111,10 +111,6 @@ class CollisionChecker:
             return body
         return fingertip if pair[0] in self._fingers else table
 
-    @property
-    def pairs(self) -> int:
-        return len(self._geometry.collisionPairs)
-
     def in_collision(self, q: Array, *, allow_fingertips: bool = False) -> bool:
         """Whether any pair is nearer than its margin at q (joints,)."""
         data = self._grasp if allow_fingertips else self._free
@@ -165,23 +161,9 @@ class CollisionChecker:
         )
         return {
             i: float(pin.computeDistance(self._geometry, data, i).min_distance)
-            for i in range(self.pairs)
+            for i in range(len(self._names))
             if data.activeCollisionPairs[i] and data.collisionResults[i].isCollision()
         }
-
-    def clearance(self, q: Array, *, allow_fingertips: bool = False) -> float:
-        """Compute the smallest distance of all pairs at q (joints,) [m]. allow_fingertips: ignore the pairs of
-        fingers and table."""
-        data = self._grasp if allow_fingertips else self._free
-        pin.updateGeometryPlacements(
-            self.model.pin_model, self._data, self._geometry, data, self.model.configuration(q)
-        )
-        skipped = set(self._finger_pairs) if allow_fingertips else set()
-        smallest = np.inf
-        for i in range(self.pairs):
-            if i not in skipped:
-                smallest = min(smallest, pin.computeDistance(self._geometry, data, i).min_distance)
-        return float(smallest)
 
     def edge_free(self, q0: Array, q1: Array, *, resolution: float = 0.05) -> bool:
         """Whether the straight line from q0 (joints,) to q1 (joints,) is free, checked every `resolution`

@@ -7,6 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from benchmarks.motion.peers import clearance, jacobian
 from foldcell.robots.baxter.robot import load_model
 from foldcell.robots.model import RobotModel
 from foldcell.robots.ports import Array, Side
@@ -70,7 +71,7 @@ def test_kinematics_equal_pinocchio(model: RobotModel) -> None:
                 pm, data, model.configuration(q), frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
             )
             columns = [pm.joints[pm.getJointId(n)].idx_v for n in model.joint_names[model.arm(side)]]
-            assert np.abs(ik.jacobian(model.chains[side], arm) - J[:, columns]).max() < 1e-12
+            assert np.abs(jacobian(model.chains[side], arm) - J[:, columns]).max() < 1e-12
 
 
 def test_inverse_kinematics_reaches_the_poses_of_random_joints(model: RobotModel) -> None:
@@ -108,7 +109,7 @@ def test_parked_arms_are_free_and_crossed_ones_are_not(model: RobotModel, checke
     met: set[str] = set()
     for _ in range(150):
         q = drawn(model, rng)
-        assert plain.in_collision(q) == (plain.clearance(q) <= 1e-6)
+        assert plain.in_collision(q) == (clearance(plain, q) <= 1e-6)
         contact = checker.contact(q)
         if contact is not None:
             met.add("table" if contact.second == "table" else "robot")

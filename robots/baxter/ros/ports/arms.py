@@ -9,7 +9,6 @@ import numpy as np
 
 from foldcell.robots.baxter.names import JOINT_NAMES
 from foldcell.robots.baxter.ros.messages import POSITION, RAW_POSITION, load_messages
-from foldcell.robots.baxter.ros.ports.clock import RosClock
 from foldcell.robots.baxter.ros.ports.latest_message import LatestMessage
 from foldcell.robots.baxter.ros.ports.stop import RosStop
 from foldcell.robots.baxter.ros.topics import (
@@ -23,7 +22,7 @@ from foldcell.robots.baxter.ros.topics import (
 )
 from foldcell.robots.errors import DriverError, FailureKind
 from foldcell.robots.model import JointLimits
-from foldcell.robots.ports import Array, JointSetpoint, JointState, Side, arm_slice, frozen
+from foldcell.robots.ports import Array, Clock, JointSetpoint, JointState, Side, arm_slice, frozen
 from foldcell.robots.ros.node import Node
 from foldcell.robots.setpoint import clip_setpoint
 
@@ -45,7 +44,7 @@ class RosArms:
     def __init__(
         self,
         node: Node,
-        clock: RosClock,
+        clock: Clock,
         stop: RosStop,
         limits: JointLimits,
         raw: bool = False,

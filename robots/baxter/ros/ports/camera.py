@@ -18,10 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from foldcell.robots.baxter.ros.messages import load_messages
-from foldcell.robots.baxter.ros.ports.clock import RosClock
 from foldcell.robots.depth_averaging import EXPOSURES, mean_depth
 from foldcell.robots.errors import DriverError, FailureKind
-from foldcell.robots.ports import CameraFrame, Intrinsics, frozen
+from foldcell.robots.ports import CameraFrame, Clock, Intrinsics, frozen
 from foldcell.robots.ros.driver import CameraTopics
 from foldcell.robots.ros.node import Node
 
@@ -95,7 +94,7 @@ class _Patience:
     slow clock and an equally slow camera. While the cell's clock advances, it therefore measures the wait, up to
     `SLOWEST` times as much wall time."""
 
-    def __init__(self, clock: RosClock, seconds: float) -> None:
+    def __init__(self, clock: Clock, seconds: float) -> None:
         self._clock, self._seconds = clock, seconds
         self._began, self._wall = clock.now(), time.monotonic()
 
@@ -115,7 +114,7 @@ class RosCamera:
     def __init__(
         self,
         node: Node,
-        clock: RosClock,
+        clock: Clock,
         topics: CameraTopics,
         settle: float = 0.0,
         stopped: Callable[[], bool] = lambda: False,

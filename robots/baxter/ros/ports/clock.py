@@ -7,28 +7,20 @@ from __future__ import annotations
 
 import time
 from threading import Condition
-from typing import Any, Protocol
+from typing import Any
 
 from foldcell.robots.baxter.ros.messages import load_messages
 from foldcell.robots.baxter.ros.topics import CLOCK
 from foldcell.robots.errors import DriverError, FailureKind
 from foldcell.robots.ros.node import Node
 
-__all__ = ["RosClock", "TopicClock", "WallClock", "cell_clock"]
+__all__ = ["TopicClock", "WallClock", "cell_clock"]
 
 SILENCE_S = 20.0
 """If the clock of a simulated robot does not advance for this wall time, it counts as dead [s]."""
 ROUNDING = 1e-6
 WALL = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
 """The boot-time clock. It is used because Linux's monotonic clock stops while the machine is suspended."""
-
-
-class RosClock(Protocol):
-    """The clock port (foldcell.robots.ports.Clock)."""
-
-    def now(self) -> float: ...
-
-    def sleep_until(self, t: float) -> None: ...
 
 
 class WallClock:

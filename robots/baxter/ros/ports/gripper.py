@@ -27,11 +27,10 @@ from foldcell.robots.baxter.ros.electric_gripper import (
     RESET,
 )
 from foldcell.robots.baxter.ros.messages import load_messages
-from foldcell.robots.baxter.ros.ports.clock import RosClock
 from foldcell.robots.baxter.ros.ports.latest_message import LatestMessage
 from foldcell.robots.baxter.ros.topics import gripper_command, gripper_state
 from foldcell.robots.errors import DriverError, FailureKind
-from foldcell.robots.ports import GripperState, Side
+from foldcell.robots.ports import Clock, GripperState, Side
 from foldcell.robots.ros.node import Node
 
 __all__ = ["RosGripper"]
@@ -64,9 +63,7 @@ class RosGripper:
     """The gripper of one side. max_opening [m]. stopped: returns whether the robot is stopped. A stop cancels the
     waiting orders."""
 
-    def __init__(
-        self, node: Node, clock: RosClock, side: Side, stopped: Callable[[], bool] = lambda: False
-    ) -> None:
+    def __init__(self, node: Node, clock: Clock, side: Side, stopped: Callable[[], bool] = lambda: False) -> None:
         messages = load_messages()
         self.side, self.max_opening = side, FULL_OPENING
         self._stopped = stopped

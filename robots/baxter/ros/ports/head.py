@@ -7,10 +7,9 @@ from collections.abc import Callable
 
 from foldcell.robots.baxter.names import HEAD_RANGE
 from foldcell.robots.baxter.ros.messages import load_messages
-from foldcell.robots.baxter.ros.ports.clock import RosClock
 from foldcell.robots.baxter.ros.topics import HEAD_COMMAND
 from foldcell.robots.errors import DriverError, FailureKind
-from foldcell.robots.ports import JointState
+from foldcell.robots.ports import Clock, JointState
 from foldcell.robots.ros.node import Node
 
 __all__ = ["RosHead"]
@@ -26,7 +25,7 @@ class RosHead:
     """The head. A command is repeated until the head has reached the angle or the robot is stopped, for at most
     GIVE_UP_S."""
 
-    def __init__(self, node: Node, clock: RosClock, stopped: Callable[[], bool] = lambda: False) -> None:
+    def __init__(self, node: Node, clock: Clock, stopped: Callable[[], bool] = lambda: False) -> None:
         self._clock, self._messages, self._stopped = clock, load_messages(), stopped
         self._publisher = node.publisher(HEAD_COMMAND, self._messages.head_pan_command)
         self._goal = math.nan

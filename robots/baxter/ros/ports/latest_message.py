@@ -6,7 +6,7 @@ from collections.abc import Callable
 from threading import Condition
 from typing import Any, Generic, TypeVar
 
-from foldcell.robots.baxter.ros.ports.clock import RosClock
+from foldcell.robots.ports import Clock
 from foldcell.robots.ros.node import Node
 
 __all__ = ["LatestMessage"]
@@ -26,7 +26,7 @@ class LatestMessage(Generic[T]):
     def __init__(
         self,
         node: Node,
-        clock: RosClock,
+        clock: Clock,
         topic: str,
         kind: Any,
         read: Callable[[Any, float], T | None],

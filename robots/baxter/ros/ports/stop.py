@@ -15,11 +15,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from foldcell.robots.baxter.ros.messages import load_messages
-from foldcell.robots.baxter.ros.ports.clock import RosClock
 from foldcell.robots.baxter.ros.ports.latest_message import LatestMessage
 from foldcell.robots.baxter.ros.topics import RESET, ROBOT_STATE, STOP
 from foldcell.robots.errors import DriverError, FailureKind
-from foldcell.robots.ports import StopState
+from foldcell.robots.ports import Clock, StopState
 from foldcell.robots.ros.node import Node
 
 __all__ = ["AssemblyState", "RosStop"]
@@ -53,7 +52,7 @@ class RosStop:
     """The stop circuit. `trigger` writes one byte to a pipe, so it may be called from a signal handler. A thread
     then repeats the stop command until the robot has stopped."""
 
-    def __init__(self, node: Node, clock: RosClock) -> None:
+    def __init__(self, node: Node, clock: Clock) -> None:
         messages = load_messages()
         self._clock, self._empty = clock, messages.empty
         self._stop, self._reset = node.publisher(STOP, messages.empty), node.publisher(RESET, messages.empty)

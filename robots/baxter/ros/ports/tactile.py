@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 
 from foldcell.robots.baxter.ros.messages import load_messages
-from foldcell.robots.baxter.ros.ports.clock import RosClock
 from foldcell.robots.baxter.ros.ports.latest_message import LatestMessage
 from foldcell.robots.baxter.ros.topics import tactile
-from foldcell.robots.ports import Side, TactileReading, frozen
+from foldcell.robots.ports import Clock, Side, TactileReading, frozen
 from foldcell.robots.ros.node import Node
 
 __all__ = ["RosTactile"]
@@ -19,7 +18,7 @@ __all__ = ["RosTactile"]
 class RosTactile:
     """The tactile pads of one gripper. rows: rows of cells on each pad."""
 
-    def __init__(self, node: Node, clock: RosClock, side: Side, rows: int) -> None:
+    def __init__(self, node: Node, clock: Clock, side: Side, rows: int) -> None:
         self.side, self._rows = side, rows
         self._shape: tuple[int, ...] | None = None
         """Shape of the pads in the first message."""

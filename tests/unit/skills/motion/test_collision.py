@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.motion.peers import clearance
 from foldcell.robots.baxter.robot import load_model
 from foldcell.robots.ports import Side, arm_slice
 from foldcell.skills.motion.kinematics import ik
@@ -38,7 +39,7 @@ def hand_at(model, side, x, y, height, heading=0.0):
 
 def test_the_parked_arms_are_free_of_collisions(model, checker):
     assert checker.contact(model.q_park) is None
-    assert checker.clearance(model.q_park) > 0.1
+    assert clearance(checker, model.q_park) > 0.1
 
 
 def test_a_hand_over_the_table_is_free_and_one_through_it_is_not(model, checker):
@@ -54,14 +55,14 @@ def test_fingertips_may_touch_only_when_allowed(model, checker):
     assert checker.in_collision(touching)
     assert checker.contact(touching).first in model.fingertips[Side.RIGHT]
     assert not checker.in_collision(touching, allow_fingertips=True)
-    assert checker.clearance(touching) < 0.0 < checker.clearance(touching, allow_fingertips=True)
+    assert clearance(checker, touching) < 0.0 < clearance(checker, touching, allow_fingertips=True)
 
 
 def test_the_clearance_above_the_table_is_the_height_of_the_fingertips(model, checker):
     """The finger boxes of the URDF end 5.15 mm beyond the tool's origin."""
     for height in (0.05, 0.08):
         q = hand_at(model, Side.LEFT, 0.65, 0.25, height)
-        assert checker.clearance(q) == pytest.approx(height - 0.00515, abs=5e-5)
+        assert clearance(checker, q) == pytest.approx(height - 0.00515, abs=5e-5)
 
 
 def test_hands_collide_with_each_other(model, checker):
@@ -82,7 +83,7 @@ def test_a_collision_verdict_agrees_with_the_distances(model, checker):
     met = 0
     for _ in range(60):
         q = rng.uniform(model.planning.lower, model.planning.upper)
-        assert plain.in_collision(q) == (plain.clearance(q) <= 1e-6)
+        assert plain.in_collision(q) == (clearance(plain, q) <= 1e-6)
         if plain.in_collision(q):
             met += 1
             assert checker.in_collision(q)
@@ -98,7 +99,7 @@ def test_bodies_nearer_than_the_margin_are_in_contact(model):
         q = hand_at(model, Side.LEFT, 0.6, float(rng.uniform(0.0, 0.15)), float(rng.uniform(0.02, 0.12)))
         q[arm_slice(Side.RIGHT, 14)] = other
         verdicts.append(wide.in_collision(q))
-        assert verdicts[-1] == (wide.clearance(q) < margin)
+        assert verdicts[-1] == (clearance(wide, q) < margin)
     assert {True, False} == set(verdicts)
 
 

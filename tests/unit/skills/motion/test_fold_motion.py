@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -356,7 +357,9 @@ def test_unplannable_requests_are_failures(checker, spoilt):
 
 
 def test_limits_so_low_that_a_motion_takes_months_are_a_failure(checker):
-    slow = MODEL.planning.scaled(1e-8)
+    slow = replace(
+        MODEL.planning, **{n: 1e-8 * getattr(MODEL.planning, n) for n in ("velocity", "acceleration", "jerk")}
+    )
     step, paths = towel_fold("small", 1)
     q = np.array(MODEL.q_park)
     q[0] += 0.3
