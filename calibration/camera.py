@@ -105,12 +105,9 @@ def calibrate_camera(wanted: int) -> Procedure[IntrinsicsCalibration]:
 def fit_intrinsics(views: Sequence[BoardView]) -> Outcome[IntrinsicsCalibration]:
     """Fit a pinhole camera to the views.
 
-    Fails with LOW_CONFIDENCE for too few views, views that are too similar, a board that is not flat, and a lens
+    Fails with LOW_CONFIDENCE for views that are too similar, a board that is not flat, and a lens
     with distortion.
     """
-    if len(views) < MIN_VIEWS:
-        what = f"{len(views)} views of the board are too few to calibrate a camera"
-        return _low_confidence(what, f"take {MIN_VIEWS} or more", {"views": len(views)})
     size = (views[0].width, views[0].height)
     points = [view.points(BOARD).astype(np.float32) for view in views]
     pixels = [view.pixels.astype(np.float32) for view in views]

@@ -37,6 +37,7 @@ __all__ = [
     "PressedCoupon",
     "calibrate_crease",
     "check_crease",
+    "kept_angle",
     "load_pressure",
     "press_coupons",
 ]
@@ -81,10 +82,6 @@ class PressedCoupon:
     mesh: ClothMesh
     pictures: Array
     times: Array
-
-    def kept_angle(self, positions: Array) -> float:
-        """Return the kept angle [rad] of the coupon at positions (n, 3)."""
-        return _kept_angle(self.mesh, positions)
 
 
 def press_coupons(
@@ -135,7 +132,7 @@ def _pressed(
     film.advance(RISE_S, low, high + LENGTH)
     film.advance(RECOVER_S)
     return PressedCoupon(
-        _kept_angle(mesh, s.positions), mesh, frozen(np.array(film.pictures)), frozen(np.array(film.times))
+        kept_angle(mesh, s.positions), mesh, frozen(np.array(film.pictures)), frozen(np.array(film.times))
     )
 
 
@@ -175,7 +172,8 @@ def _folded(rest: Array, thickness: float) -> Array:
     return np.column_stack([x, rest[:, 1], z])
 
 
-def _kept_angle(mesh: ClothMesh, positions: Array) -> float:
+def kept_angle(mesh: ClothMesh, positions: Array) -> float:
+    """Return the kept angle [rad] of a coupon at positions (n, 3)."""
     s = mesh.rest[:, 0]
     limbs = []
     for sign in (-1.0, 1.0):

@@ -2,12 +2,12 @@
 poses.
 
 The camera is fixed and the board moves with the hand: T_base_tool(i) Y = X T_camera_board(i) for every image i,
-with unknown X = T_base_camera and Y = T_tool_board (the robot-world / hand-eye problem). A closed form gives the
-initial value: rotations by singular values of a Kronecker product (Shah, J. Mech. Robot. 5(3), 2013), then
-translations by linear least squares. Least squares on the reprojection error refines this value. Both hands share
-X. The zeros of the joints are wrong by about a milliradian, which a single pose cannot show. They are estimated
-together with X and Y, with a prior of mean zero. So is the scale of the printed board: the arms know how far they
-have moved it. A scale that the tolerance of the print does not explain is refused.
+with unknown X = T_base_camera and Y = T_tool_board (the robot-world / hand-eye problem). Least squares on the
+reprojection error solves it. The search starts with the board as it is meant to be held, and with the camera
+where the first image then shows it. Both hands share X. The zeros of the joints are wrong by about a milliradian,
+which a single pose cannot show. They are estimated together with X and Y, with a prior of mean zero. So is the
+scale of the printed board: the arms know how far they have moved it. A scale that the tolerance of the print does
+not explain is refused.
 """
 
 from __future__ import annotations
@@ -34,7 +34,6 @@ __all__ = [
     "HandView",
     "board_poses",
     "calibrate_hand_eye",
-    "closed_form",
     "fit_hand_eye",
 ]
 
@@ -62,6 +61,8 @@ PRINT_SIGMA = 0.0005
 """Relative standard deviation of the scale of the printed board."""
 GATE = 3.0
 """The scale of the board may differ from 1 by this number of standard deviations."""
+LEAST_SPREAD = float(np.deg2rad(3.0))
+"""Smallest standard deviation of a hand's rotations about their second axis [rad]."""
 MAX_RMS = 1.5
 """Largest accepted reprojection error [px]. A larger error means that the intrinsics, the board or the arms' model
 is wrong."""
@@ -216,23 +217,6 @@ def board_poses(side: Side, T_base_camera: Array, settings: HandEyeSettings) -> 
     return tuple(poses)
 
 
-def closed_form(A: Sequence[Array], B: Sequence[Array]) -> tuple[Array, Array]:
-    """Solve A_i Y = X B_i for X, Y (4, 4). A, B: n >= 3 poses (4, 4) each, with rotations about two axes or more.
-
-    R_A Y_R = X_R R_B: (R_B kron R_A) vec(Y_R) = vec(X_R), so sum_i R_B kron R_A has vec(Y_R), vec(X_R) as its
-    first singular vectors (Shah 2013); then R_A t_Y - t_X = X_R t_B - t_A is linear.
-    """
-    K = np.sum([np.kron(b[:3, :3], a[:3, :3]) for a, b in zip(A, B, strict=True)], axis=0)
-    U, _, Vt = np.linalg.svd(K)
-    X, Y = np.eye(4), np.eye(4)
-    X[:3, :3], Y[:3, :3] = (_nearest_rotation(v.reshape(3, 3, order="F")) for v in (U[:, 0], Vt[0]))
-    M = np.vstack([np.hstack((-np.eye(3), a[:3, :3])) for a in A])
-    rhs = np.concatenate([X[:3, :3] @ b[:3, 3] - a[:3, 3] for a, b in zip(A, B, strict=True)])
-    t = np.linalg.lstsq(M, rhs, rcond=None)[0]
-    X[:3, 3], Y[:3, 3] = t[:3], t[3:]
-    return X, Y
-
-
 def fit_hand_eye(
     robot: RobotModel,
     intrinsics: Intrinsics,
@@ -241,25 +225,20 @@ def fit_hand_eye(
 ) -> Outcome[HandEyeCalibration]:
     """Fit the camera's pose to the views of one or both hands.
 
-    Fails with LOW_CONFIDENCE for too few views, poses that are too similar, a board of another size, and corners
-    that fit no camera pose.
+    Fails with LOW_CONFIDENCE for poses that are too similar, a board of another size, and corners that fit no
+    camera pose.
     """
     sides = tuple(side for side in Side if any(v.side is side for v in views))
-    if not sides or min(sum(v.side is side for v in views) for side in sides) < MIN_VIEWS:
-        return _low_confidence(
-            f"{len(views)} views are too few to find the camera's pose", "take more views", {"views": len(views)}
-        )
-    seen = [_board_pose(intrinsics, v.view) for v in views]
-    starts = {}
     for side in sides:
-        A = [tool_pose(robot.chains[side], v.q) for v in views if v.side is side]
-        B = [T for v, T in zip(views, seen, strict=True) if v.side is side]
-        if _second_axis_spread(A) < np.deg2rad(3.0):
+        if (
+            _second_axis_spread([tool_pose(robot.chains[side], v.q) for v in views if v.side is side])
+            < LEAST_SPREAD
+        ):
             what = f"the poses of the {side} hand rotate about one axis only"
             return _low_confidence(what, "tilt the board, each time in another direction")
-        starts[side] = closed_form(A, B)
-    X = next(iter(starts.values()))[0]
-    Y = {side: start[1] for side, start in starts.items()}
+    seen = [_board_pose(intrinsics, v.view) for v in views]
+    first = tool_pose(robot.chains[views[0].side], views[0].q)
+    X, Y = first @ BOARD.T_tool_board @ np.linalg.inv(seen[0]), {side: BOARD.T_tool_board for side in sides}
     problem = _Problem(robot, intrinsics, tuple(views), sides, X, Y, settings)
     fit = least_squares(problem.residuals, np.zeros(problem.size), method="lm")
     return problem.result(fit.x, fit.jac, seen)
@@ -419,13 +398,6 @@ def _exp(twist: Array) -> Array:
 
 def _rotation(w: Array) -> Array:
     return np.asarray(pin.exp3(np.asarray(w, dtype=float)))
-
-
-def _nearest_rotation(M: Array) -> Array:
-    """Return the rotation that is nearest to a matrix which is a rotation times a factor of either sign."""
-    M = M * np.sign(np.linalg.det(M))
-    U, _, Vt = np.linalg.svd(M)
-    return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
 
 
 def _low_confidence(what: str, hint: str, values: dict[str, object] | None = None) -> Outcome[HandEyeCalibration]:

@@ -173,8 +173,7 @@ def hung_shape(
 ) -> HungShape:
     """Return the garment of outline `template` (k, 2) [m], flat and upright, held by a clip at point pair[0].
     pair: indices as returned by `clip_and_lowest`."""
-    local = _upright(template, pair)
-    outline, height = _clipped(shapely.Polygon(local), float(local[pair[0]][1]))
+    outline, height = _clipped(template, pair)
     mesh = mesh_from_contour(outline, edge, layers)
     clip = np.zeros(len(mesh.rest), dtype=bool)
     clip[mesh.border] = mesh.rest[mesh.border, 1] > height - 1e-6
@@ -188,19 +187,10 @@ def hung_shape(
     return HungShape(mesh, frozen(clip), lowest, rest_length, frozen(np.array(starts)))
 
 
-def _upright(template: Array, pair: tuple[int, int]) -> Array:
-    """Return the outline (k, 2), turned so that pair[0] is straight above pair[1], which is the origin."""
-    top, low = template[pair[0]], template[pair[1]]
-    up = (top - low) / np.linalg.norm(top - low)
-    across = np.array([-up[1], up[0]])
-    return np.column_stack([(template - low) @ across, (template - low) @ up])
-
-
 def clip_width(template: Array, pair: tuple[int, int]) -> float:
     """Return the width of the cloth in a clip at point pair[0] [m]. It is CLIP if the garment is narrow at this
     point, and more if the cloth beside the point is as high as the point."""
-    local = _upright(template, pair)
-    outline, height = _clipped(shapely.Polygon(local), float(local[pair[0]][1]))
+    outline, height = _clipped(template, pair)
     return float(np.ptp(outline[outline[:, 1] > height - 1e-6, 0]))
 
 
@@ -219,9 +209,14 @@ def _check_clip(template: Array, keypoints: tuple[str, ...], pair: tuple[int, in
     )  # fmt: skip
 
 
-def _clipped(polygon: shapely.Polygon, top: float) -> tuple[Array, float]:
-    """Return the outline below the clip, and the height of the clip. The clip is at the highest place where the
-    garment is CLIP wide."""
+def _clipped(template: Array, pair: tuple[int, int]) -> tuple[Array, float]:
+    """Return the outline below the clip, and the height of the clip, with pair[0] straight above pair[1], which is
+    the origin. The clip is at the highest place where the garment is CLIP wide."""
+    along = template[pair[0]] - template[pair[1]]
+    top = float(np.linalg.norm(along))
+    up = along / top
+    across = np.array([-up[1], up[0]])
+    polygon = shapely.Polygon((template - template[pair[1]]) @ np.column_stack([across, up]))
     x0, _, x1, _ = polygon.bounds
     low, high = top - 0.15, top - 1e-4
     for _ in range(40):

@@ -167,12 +167,18 @@ class ArmTrajectory:
             return self.q[0], np.zeros(self.q.shape[1])
         if t >= self.t[-1]:
             return self.q[-1], np.zeros(self.q.shape[1])
-        i = int(np.searchsorted(self.t, t, side="right")) - 1
-        h = self.t[i + 1] - self.t[i]
-        s = (t - self.t[i]) / h
+        q, qd, _ = self.sampled(np.array([t]))
+        return q[0], qd[0]
+
+    def sampled(self, t: Array) -> tuple[Array, Array, Array]:
+        """Return q, qd and qdd of the interpolant, (m, joints) each, at times t (m,) [s] from start to end."""
+        i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 2)
+        h = (self.t[i + 1] - self.t[i])[:, None]
+        s = (t - self.t[i])[:, None] / h
         q0, q1, v0, v1 = self.q[i], self.q[i + 1], self.qd[i] * h, self.qd[i + 1] * h
         c2, c3 = 3 * (q1 - q0) - 2 * v0 - v1, 2 * (q0 - q1) + v0 + v1
-        return q0 + s * (v0 + s * (c2 + s * c3)), (v0 + s * (2 * c2 + 3 * s * c3)) / h
+        qd, qdd = (v0 + s * (2 * c2 + 3 * s * c3)) / h, (2 * c2 + 6 * s * c3) / h**2
+        return q0 + s * (v0 + s * (c2 + s * c3)), qd, qdd
 
 
 @dataclass(frozen=True)

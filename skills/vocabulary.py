@@ -288,6 +288,12 @@ class ToolPath:
     pitch: Array
     roll: Array
 
+    def at(self, t: Array) -> ToolPath:
+        """Return the path at other times t (m,), linearly between its samples."""
+        position = np.column_stack([np.interp(t, self.t, x) for x in self.position.T])
+        angles = (np.unwrap(self.heading), self.pitch, self.roll)
+        return ToolPath(t, position, *(np.interp(t, self.t, x) for x in angles))
+
     @property
     def rotation(self) -> Array:
         """(n, 3, 3) R_table_tool."""

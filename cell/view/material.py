@@ -13,7 +13,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from foldcell.calibration.bending import ANGLE, BendingCalibration
-from foldcell.calibration.crease import CreaseCalibration
+from foldcell.calibration.crease import CreaseCalibration, kept_angle
 from foldcell.calibration.free_fold import FreeFold
 from foldcell.calibration.friction import FrictionCalibration, tilted
 from foldcell.calibration.shear import ShearCalibration
@@ -81,7 +81,7 @@ def record_crease(path: Path, test: CreaseCalibration) -> None:
     coupon = test.coupon
     with _recording(path, "crease recovery test", "angle") as stream:
         for _, x in _pictures(stream, coupon.times, coupon.pictures, coupon.mesh.triangles):
-            stream.log("angle/kept_deg", rr.Scalars(math.degrees(coupon.kept_angle(x))))
+            stream.log("angle/kept_deg", rr.Scalars(math.degrees(kept_angle(coupon.mesh, x))))
             stream.log("angle/measured_deg", rr.Scalars(math.degrees(test.kept)))
 
 

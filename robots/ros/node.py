@@ -17,7 +17,7 @@ from urllib.parse import urlparse
 from foldcell.robots.errors import ConfigurationError
 from foldcell.robots.ros.installation import import_ros
 
-__all__ = ["Node", "Publisher", "master_address", "open_node"]
+__all__ = ["Node", "master_address", "open_node"]
 
 MASTER = "http://localhost:11311"
 """Address of the ROS master if ROS_MASTER_URI is not set."""
@@ -28,21 +28,6 @@ _opened: str | None = None
 _opening = threading.Lock()
 
 
-class Publisher:
-    """Publisher of a topic. `tell` may be called from any thread and never blocks."""
-
-    def __init__(self, publisher: Any) -> None:
-        self._publisher = publisher
-
-    def tell(self, message: Any) -> None:
-        self._publisher.publish(message)
-
-    @property
-    def listeners(self) -> int:
-        """Number of connected subscribers."""
-        return int(self._publisher.get_num_connections())
-
-
 class Node:
     """The topics of one cell on this process's node. `close` closes all of them."""
 
@@ -50,10 +35,11 @@ class Node:
         self._rospy = rospy
         self._stack = ExitStack()
 
-    def publisher(self, topic: str, kind: Any, *, latch: bool = False, queue: int = 1) -> Publisher:
-        publisher = self._rospy.Publisher(topic, kind, latch=latch, queue_size=queue, tcp_nodelay=True)
+    def publisher(self, topic: str, kind: Any, *, latch: bool = False) -> Any:
+        """Return a rospy.Publisher. Its `publish` may be called from any thread and never blocks."""
+        publisher = self._rospy.Publisher(topic, kind, latch=latch, queue_size=1, tcp_nodelay=True)
         self._stack.callback(publisher.unregister)
-        return Publisher(publisher)
+        return publisher
 
     def subscribe(self, topic: str, kind: Any, heard: Callable[[Any], None], queue: int = 1) -> None:
         """Call `heard` with each message, on the topic's thread."""

@@ -12,7 +12,7 @@ from foldcell.skills.cloth.mesh import ClothMesh
 from foldcell.skills.cloth.pinch import PadGeometry, Patch, PinchReport
 from foldcell.skills.cloth.settings import SolverSettings
 from foldcell.skills.cloth.solver import ClothSimulation
-from foldcell.skills.vocabulary import GraspId, Material, ToolPath, tool_rotation
+from foldcell.skills.vocabulary import GraspId, Material, ToolPath
 
 __all__ = ["HANDS", "FoldPrediction", "predict_fold", "sample_paths"]
 
@@ -23,12 +23,11 @@ HANDS = (GraspId.LEFT, GraspId.RIGHT)
 @dataclass(frozen=True, eq=False)
 class FoldPrediction:
     """Result of a simulated fold. vertices: (n, 3) positions after the fold has settled, table frame [m].
-    max_pinch_force: for each hand, the largest of the mean forces over a frame [N]. pinches: the report of each
+    pinches: the report of each
     hand's pinch. dropped: hands that lost their cloth before the end. residual_motion: largest displacement of a
     vertex over the last 0.1 s [m]. keyframes: (k, n, 3) positions at k times, evenly spaced over the motion."""
 
     vertices: Array
-    max_pinch_force: Mapping[GraspId, float]
     pinches: Mapping[GraspId, PinchReport]
     dropped: tuple[GraspId, ...]
     residual_motion: float
@@ -66,16 +65,12 @@ def predict_fold(
     }
     shots = set(np.linspace(0, frames, keyframes, dtype=int).tolist()) if keyframes else set()
     pictures = [simulation.positions] if 0 in shots else []
-    force = dict.fromkeys(paths, 0.0)
     done = 0
     while done < frames:
-        # a few frames per call: often enough to see the peak force, with little overhead per call
+        # a few frames per call, so that a call that loses its positions repeats little
         step = min([6, frames - done, *(k - done for k in shots if k > done)])
         simulation.advance_along(p[done : done + step + 1], r[done : done + step + 1])
         done += step
-        for hand, grasp_id in enumerate(HANDS):
-            if grasp_id in force:
-                force[grasp_id] = max(force[grasp_id], float(np.linalg.norm(simulation.pinch_force(hand))))
         if done in shots:
             pictures.append(simulation.positions)
     dropped = tuple(
@@ -91,7 +86,6 @@ def predict_fold(
     after = simulation.positions
     return FoldPrediction(
         frozen(after),
-        force,
         pinches,
         dropped,
         float(np.linalg.norm(after - before, axis=1).max()),
@@ -102,14 +96,11 @@ def predict_fold(
 def sample_paths(paths: Mapping[GraspId, ToolPath], frames: int, frame: float) -> tuple[Array, Array]:
     """Return the poses of both hands at the frame boundaries: positions (frames + 1, 2, 3), rotations (frames + 1,
     2, 3, 3)."""
-    t = np.arange(frames + 1) * frame
+    t = np.asarray(np.arange(frames + 1) * frame, dtype=np.float64)
     p = np.zeros((frames + 1, len(HANDS), 3))
     r = np.tile(np.diag([1.0, -1.0, -1.0]), (frames + 1, len(HANDS), 1, 1))
     for hand, grasp_id in enumerate(HANDS):
         if grasp_id in paths:
-            path = paths[grasp_id]
-            p[:, hand] = np.column_stack([np.interp(t, path.t, path.position[:, k]) for k in range(3)])
-            heading = np.interp(t, path.t, np.unwrap(path.heading))
-            pitch, roll = np.interp(t, path.t, path.pitch), np.interp(t, path.t, path.roll)
-            r[:, hand] = tool_rotation(heading, pitch, roll)
+            path = paths[grasp_id].at(t)
+            p[:, hand], r[:, hand] = path.position, path.rotation
     return p, r

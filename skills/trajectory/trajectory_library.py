@@ -22,7 +22,6 @@ __all__ = [
     "Library",
     "LibraryEntry",
     "Refusal",
-    "entry_from",
     "from_json",
     "lookup",
     "to_json",
@@ -99,30 +98,6 @@ class Refusal:
 
     index: int
     reason: str
-
-
-def entry_from(
-    trajectory: GraspTrajectory,
-    step: FoldStep,
-    *,
-    category: str,
-    variant: str,
-    garment: str,
-    material: Material,
-    size_m: tuple[float, float],
-    edge_length: float,
-    method: str,
-    dissimilarity_initial: float,
-    max_tool_speed: float,
-    version: str,
-) -> LibraryEntry:
-    """Make the library entry of an optimised fold."""
-    frames = frames_of(step, material.thickness)
-    inner = {s: frozen(frames[s].normalise(c)) for s, c in trajectory.control_points.items()}
-    return LibraryEntry(
-        category, step.name, variant, garment, material, size_m, inner, edge_length, method,
-        trajectory.dissimilarity, dissimilarity_initial, trajectory.simulations, max_tool_speed, version,
-    )  # fmt: skip
 
 
 def lookup(

@@ -14,15 +14,15 @@ from pathlib import Path
 from foldcell.cell.support.files.whole_file import write_whole
 from foldcell.robots.errors import StorageError
 from foldcell.skills.garments.garment import Garment
+from foldcell.skills.trajectory.arcs.frame import frames_of
 from foldcell.skills.trajectory.trajectory_library import (
     Library,
     LibraryEntry,
     Refusal,
-    entry_from,
     from_json,
     to_json,
 )
-from foldcell.skills.vocabulary import FoldStep, GraspTrajectory
+from foldcell.skills.vocabulary import FoldStep, GraspTrajectory, frozen
 
 __all__ = [
     "LoadedLibrary",
@@ -76,17 +76,20 @@ def entry_of(
 ) -> LibraryEntry:
     """Make the library entry of a fold. dissimilarity_initial: dissimilarity of the initial arc of the search
     [m]."""
-    return entry_from(
-        trajectory,
-        step,
+    frames = frames_of(step, garment.material.thickness)
+    return LibraryEntry(
         category=garment.category,
+        step=step.name,
         variant=step.variant,
         garment=garment.name,
         material=garment.material,
         size_m=garment.size_m,
+        inner={i: frozen(frames[i].normalise(c)) for i, c in trajectory.control_points.items()},
         edge_length=garment.mesh_edge_m,
         method=method,
+        dissimilarity=trajectory.dissimilarity,
         dissimilarity_initial=dissimilarity_initial,
+        simulations=trajectory.simulations,
         max_tool_speed=garment.max_tool_speed,
         version=metadata.version("foldcell"),
     )

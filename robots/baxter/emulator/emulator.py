@@ -29,7 +29,7 @@ from foldcell.robots.baxter.ros.messages import load_messages
 from foldcell.robots.errors import DriverError
 from foldcell.robots.ports import Gripper, Ports, Side, arm_slice
 from foldcell.robots.ros.driver import CameraTopics, Network
-from foldcell.robots.ros.node import Node, Publisher
+from foldcell.robots.ros.node import Node
 
 __all__ = ["Emulator"]
 
@@ -89,7 +89,7 @@ class Emulator:
         self._enabled_at = -math.inf
         """Cell time at which the motors were on for the last time [s]."""
         self._told: set[str] = set()
-        self._publishers: dict[str, Publisher] = {}
+        self._publishers: dict[str, Any] = {}
         self._now = ports.clock.now()
         self._pan = self._joints_at = math.nan
         self._next_picture = self._next_grippers = self._next_joints = -math.inf
@@ -336,18 +336,18 @@ class Emulator:
             tell(topics.tactile(side), message_conversion.tactile_state(m, tactile.reading()))
         self._publish_picture()
         self._published.deliver(self._now)
-        self._publishers[topics.CLOCK].tell(m.clock(message_conversion.ros_time(m, self._now)))
+        self._publishers[topics.CLOCK].publish(m.clock(message_conversion.ros_time(m, self._now)))
 
     def _send(self, topic: str, message: Any, later: float = 0.0) -> None:
         """Send a message. later: time until it is sent [s], by another node than the earlier ones of its topic."""
         sent, publisher = by_robots_clock(message, self._network.clock_ahead), self._publishers[topic]
         node = topic if not later else f"{topic} again"
-        self._published.send(node, self._now + later, lambda _: publisher.tell(sent))
+        self._published.send(node, self._now + later, lambda _: publisher.publish(sent))
 
     def _publish_picture(self) -> None:
         """Publish only while the colour picture has a subscriber, as openni2 does."""
         colour = self._publishers[self._camera.rgb]
-        if not colour.listeners or self._now < self._next_picture - ROUNDING * TICK:
+        if not colour.get_num_connections() or self._now < self._next_picture - ROUNDING * TICK:
             return
         self._next_picture = self._now + self._network.picture_period
         try:

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from foldcell.robots.ports import Array
+from foldcell.skills.plane import lengths_along
 from foldcell.skills.vocabulary import GraspId, Table, ToolPath, tool_rotation
 
-__all__ = ["Posture", "angles_of", "blended", "in_base", "resampled", "with_ends"]
+__all__ = ["Posture", "angles_of", "blended", "in_base", "with_ends"]
 
 HALF_TURN = np.diag([-1.0, -1.0, 1.0])
 
@@ -55,22 +56,9 @@ def angles_of(rotation: Array) -> tuple[Array, Array, Array]:
     return heading, pitch, roll
 
 
-def resampled(path: ToolPath, t: Array) -> ToolPath:
-    """Sample a path at other times t (m,), linearly between its samples."""
-    if len(t) == len(path.t) and np.array_equal(t, path.t):
-        return path
-
-    def interp(x: Array) -> Array:
-        return np.interp(t, path.t, x)
-
-    position = np.stack([interp(path.position[:, k]) for k in range(3)], axis=1)
-    return ToolPath(t, position, interp(path.heading), interp(path.pitch), interp(path.roll))
-
-
 def blended(path: ToolPath, start: Array) -> ToolPath:
     """Shift a path so that it begins at `start` (3,) [m]. The offset fades out along the path."""
-    step = np.linalg.norm(np.diff(path.position, axis=0), axis=1)
-    travelled = np.concatenate([[0.0], np.cumsum(step)])
+    travelled = lengths_along(path.position)
     u = travelled / max(travelled[-1], 1e-9)
     fade = 1.0 - u**2 * (3.0 - 2.0 * u)
     offset = start - path.position[0]
@@ -80,9 +68,8 @@ def blended(path: ToolPath, start: Array) -> ToolPath:
 def with_ends(path: ToolPath, above: float, below: float, samples: int) -> ToolPath:
     """Sample a path at `samples` points that are evenly spaced along it, and add a straight descent by `above`
     before it and a straight rise by `below` after it [m]."""
-    step = np.linalg.norm(np.diff(path.position, axis=0), axis=1)
-    travelled = np.concatenate([[0.0], np.cumsum(step)])
-    arc = resampled(path, np.interp(np.linspace(0.0, travelled[-1], samples), travelled, path.t))
+    travelled = lengths_along(path.position)
+    arc = path.at(np.interp(np.linspace(0.0, travelled[-1], samples), travelled, path.t))
     down, up = np.linspace(above, 0.0, 4)[:-1], np.linspace(0.0, below, 4)[1:]
     z = np.array([0.0, 0.0, 1.0])
     position = np.vstack([arc.position[0] + down[:, None] * z, arc.position, arc.position[-1] + up[:, None] * z])

@@ -12,7 +12,7 @@ import pinocchio as pin
 from foldcell.robots.model import JointLimits, RobotModel
 from foldcell.robots.ports import ArmTrajectory, Array, Side, frozen
 from foldcell.skills.motion.kinematics import ik
-from foldcell.skills.motion.kinematics.posture import Posture, angles_of, blended, in_base, resampled
+from foldcell.skills.motion.kinematics.posture import Posture, angles_of, blended, in_base
 from foldcell.skills.motion.moves.retreat import plan_retreat
 from foldcell.skills.motion.timing.inputs import TimingError
 from foldcell.skills.motion.timing.timing import time_law
@@ -65,7 +65,7 @@ def plan_arc(
     times = _sample_times(paths)
     q = np.tile(q_grasp, (len(times), 1))
     for side, posture in postures.items():
-        path = resampled(paths[posture.path], times)
+        path = paths[posture.path].at(times)
         rotation, position = _tool_poses_from_actual(model, table, side, posture, path, q_grasp)
         solution = ik.follow_path(model, side, rotation, position, q_grasp[model.arm(side)])
         if not solution.complete:
@@ -103,7 +103,7 @@ def _speed_stretch(paths: Mapping[GraspId, ToolPath], times: Array, tool_speed: 
     if tool_speed is None:
         return 1.0
     longest_step = max(
-        float(np.linalg.norm(np.diff(resampled(p, times).position, axis=0), axis=1).max()) for p in paths.values()
+        float(np.linalg.norm(np.diff(p.at(times).position, axis=0), axis=1).max()) for p in paths.values()
     )
     return max(1.0, longest_step / (float(times[1] - times[0]) * tool_speed))
 

@@ -14,7 +14,8 @@ from foldcell.skills.motion.timing.timing import hold, time_path
 from foldcell.skills.motion.validation.collision import CollisionChecker
 from foldcell.skills.motion.validation.failures import too_near
 from foldcell.skills.motion.validation.inputs import validate_state, validate_tool_speed
-from foldcell.skills.motion.validation.trajectory_check import contact_along
+from foldcell.skills.motion.validation.trajectory_check import contact_along, spaced_samples
+from foldcell.skills.plane import lengths_along
 from foldcell.skills.vocabulary import Outcome
 
 __all__ = ["nearest_on", "plan_along", "share_done", "without_loops"]
@@ -53,7 +54,7 @@ def plan_along(
     joint = int(np.abs(offset).argmax())
     if abs(offset[joint]) > FARTHEST:
         return Outcome(failure=_too_far(model, joint, float(offset[joint])))
-    rest = _spaced(path[k:])
+    rest = path[k:][spaced_samples(path[k:], SPACING)]
     fading = _fading(rest, offset)
     if np.abs(fading - q_now).max() < 1e-6:
         return Outcome(hold(q_now))
@@ -116,13 +117,6 @@ def without_loops(path: Array) -> Array:
     return np.asarray(path[kept])
 
 
-def _spaced(path: Array) -> Array:
-    """Return the samples of path (n, joints) that are SPACING apart, with both ends."""
-    travelled = _travelled(path)
-    marks = np.searchsorted(travelled, np.arange(0.0, travelled[-1], SPACING))
-    return np.asarray(path[np.unique([*marks.tolist(), 0, len(path) - 1])])
-
-
 def _travelled(path: Array) -> Array:
     """Return the joint motion (n,) from the path's start to each sample: the sum of the largest steps [rad]."""
     return np.concatenate([[0.0], np.cumsum(np.abs(np.diff(path, axis=0)).max(axis=1))])
@@ -131,7 +125,7 @@ def _travelled(path: Array) -> Array:
 def _tool_travelled(model: RobotModel, side: Side, q: Array) -> Array:
     """Return the distance (n,) that a tool has travelled at each sample of q (n, joints) [m]."""
     position = np.array([ik.tool_pose(model.chains[side], row)[:3, 3] for row in q[:, model.arm(side)]])
-    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(position, axis=0), axis=1))])
+    return lengths_along(position)
 
 
 def _too_far(model: RobotModel, joint: int, off: float) -> Failure:

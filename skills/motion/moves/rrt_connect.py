@@ -15,6 +15,7 @@ from foldcell.robots.errors import Failure, FailureKind
 from foldcell.robots.model import RobotModel
 from foldcell.robots.ports import Array, Side
 from foldcell.skills.motion.validation.collision import CollisionChecker, Contact
+from foldcell.skills.plane import resampled
 
 __all__ = ["blend_corners", "candidate_paths", "check_endpoints", "no_path_found"]
 
@@ -92,10 +93,7 @@ def blend_corners(points: Array, share: float) -> Array:
         a, b = corner + share * (before - corner), corner + share * (after - corner)
         path.append((1 - u) ** 2 * a + 2 * u * (1 - u) * corner + u**2 * b)
     path.append(points[-1:])
-    path_points = np.vstack(path)
-    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path_points, axis=0), axis=1))])
-    even_s = np.linspace(0.0, s[-1], 120)
-    return np.stack([np.interp(even_s, s, path_points[:, k]) for k in range(path_points.shape[1])], axis=1)
+    return resampled(np.vstack(path), 120)
 
 
 def _fixed_waypoints(model: RobotModel, q0: Array, q1: Array) -> list[list[Array]]:

@@ -333,23 +333,12 @@ def warped(trajectory: ArmTrajectory, warp: ClockWarp) -> ArmTrajectory:
     tau = _sample_times(warp.duration)
     clock, rate, slope = warp.at(tau)
     inside = clock < trajectory.duration
-    q, v, a = _sample(trajectory, np.minimum(clock, trajectory.duration))
+    q, v, a = trajectory.sampled(np.minimum(clock, trajectory.duration))
     rate, slope = np.where(inside, rate, 0.0)[:, None], np.where(inside, slope, 0.0)[:, None]
     qd, qdd = v * rate, a * rate**2 + v * slope
     if warp.goal == 0.0:
         qd[-1] = 0.0
     return ArmTrajectory(frozen(tau), frozen(q), frozen(qd), frozen(qdd))
-
-
-def _sample(trajectory: ArmTrajectory, t: Array) -> tuple[Array, Array, Array]:
-    """Evaluate the Hermite interpolant at times t (m,): q, qd, qdd (m, joints)."""
-    i = np.clip(np.searchsorted(trajectory.t, t, side="right") - 1, 0, len(trajectory.t) - 2)
-    h = (trajectory.t[i + 1] - trajectory.t[i])[:, None]
-    s = (t - trajectory.t[i])[:, None] / h
-    q0, q1 = trajectory.q[i], trajectory.q[i + 1]
-    v0, v1 = trajectory.qd[i] * h, trajectory.qd[i + 1] * h
-    c2, c3 = 3 * (q1 - q0) - 2 * v0 - v1, 2 * (q0 - q1) + v0 + v1
-    return q0 + s * (v0 + s * (c2 + s * c3)), (v0 + s * (2 * c2 + 3 * s * c3)) / h, (2 * c2 + 6 * s * c3) / h**2
 
 
 def _sample_times(duration: float) -> Array:

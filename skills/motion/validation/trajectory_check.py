@@ -19,7 +19,7 @@ from foldcell.skills.motion.timing.timing import Peaks, peaks
 from foldcell.skills.motion.validation.collision import CollisionChecker, Contact
 from foldcell.skills.vocabulary import Outcome
 
-__all__ = ["check_trajectory", "contact_along"]
+__all__ = ["check_trajectory", "contact_along", "spaced_samples"]
 
 START_TOLERANCE = float(np.deg2rad(1.0))
 LIMIT_TOLERANCE = 1e-6
@@ -147,7 +147,7 @@ def contact_along(
     each other between samples that are further apart. Arms that a fault has brought too near to each other, or to
     something else, may move apart, because no other motion can free them.
     """
-    indices = _spaced_samples(trajectory.q, CHECK_STEP)
+    indices = spaced_samples(trajectory.q, CHECK_STEP)
     contact = checker.first_collision(trajectory.q[indices], allow_fingertips=allow_fingertips)
     if contact is not None and contact.index == 0:
         path = trajectory.q[indices]
@@ -155,7 +155,7 @@ def contact_along(
     return None if contact is None else replace(contact, index=int(indices[contact.index]))
 
 
-def _spaced_samples(q: Array, step: float) -> NDArray[np.intp]:
+def spaced_samples(q: Array, step: float) -> NDArray[np.intp]:
     """Return the indices of samples of q (n, joints) that are about `step` [rad] apart, including both ends."""
     travelled = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(q, axis=0)).max(axis=1))])
     marks = np.arange(0.0, travelled[-1], step)

@@ -98,13 +98,9 @@ class FoldProblem:
     def frames(self) -> dict[GraspId, FoldFrame]:
         return frames_of(self.step, self.material.thickness)
 
-    @cached_property
-    def headings(self) -> dict[GraspId, float]:
-        return {grasp_id: grasp.heading for grasp_id, grasp in self.step.grasps.items()}
-
     def prepare(self) -> None:
         """Compute the cached values now, so that a problem sent to another process includes them."""
-        _ = self.target, self.frames, self.headings
+        _ = self.target, self.frames
 
     def evaluate(self, controls: Controls, mishap: Mishap | None = None) -> Candidate:
         """Simulate one candidate as the arms execute it, that is lift and arc, optionally with a mishap.
@@ -113,7 +109,8 @@ class FoldProblem:
         """
         duration = fold_duration(controls, self.max_tool_speed)
         lengths = np.array([arc_lengths(c)[1][-1] for c in controls.values()])
-        material, paths = self.material, fold_paths(controls, self.headings, duration)
+        headings = {grasp_id: grasp.heading for grasp_id, grasp in self.step.grasps.items()}
+        material, paths = self.material, fold_paths(controls, headings, duration)
         if mishap is not None:
             material = _altered(material, mishap)
             paths = {grasp_id: self._astray(grasp_id, path, mishap) for grasp_id, path in paths.items()}

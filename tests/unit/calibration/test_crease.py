@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from foldcell.calibration.crease import calibrate_crease, check_crease, load_pressure, press_coupons
+from foldcell.calibration.crease import calibrate_crease, check_crease, kept_angle, load_pressure, press_coupons
 from foldcell.robots.errors import ConfigurationError
 from foldcell.skills.cloth.crease_set import STANDARD_PRESSURE
 from foldcell.skills.vocabulary import CREASE_SET, Material
@@ -54,7 +54,7 @@ def test_the_calibration_finds_the_set_of_a_simulated_fabric():
     measured = press_coupons(COTTON, true, pressure, 60.0, edge=edge)[0]
     test = calibrate_crease(COTTON, measured, 1.0, 60.0, edge=edge)
     assert test.agrees and test.crease_set == pytest.approx(true, abs=0.02)
-    assert test.coupon.kept_angle(test.coupon.pictures[0]) == pytest.approx(math.pi, abs=0.02)
+    assert kept_angle(test.coupon.mesh, test.coupon.pictures[0]) == pytest.approx(math.pi, abs=0.02)
     assert test.coupon.times[-1] > 60.0
 
 

@@ -62,8 +62,8 @@ class RosArms:
         }
         node.publisher(JOINT_STATE_RATE, messages.uint16, latch=True).tell(messages.uint16(STATE_RATE))
         for side in Side:
-            node.publisher(speed_ratio(side), messages.float64, latch=True).tell(messages.float64(1.0))
-            node.publisher(command_timeout(side), messages.float64, latch=True).tell(
+            node.publisher(speed_ratio(side), messages.float64, latch=True).publish(messages.float64(1.0))
+            node.publisher(command_timeout(side), messages.float64, latch=True).publish(
                 messages.float64(COMMAND_TIMEOUT)
             )
 
@@ -79,7 +79,7 @@ class RosArms:
         begun = self._clock.now()
         until = begun + ENABLE_S
         while self._clock.now() < until:
-            self._enable.tell(self._messages.bool(True))
+            self._enable.publish(self._messages.bool(True))
             self._clock.sleep_until(self._clock.now() + TICK_S)
             self._refuse_stopped("the arms stay disabled")
             robot = self._stop.robot.newest
@@ -113,13 +113,13 @@ class RosArms:
         setpoint = clip_setpoint(q, qd, before.q, self.state().q, self._limits, now)
         for side in Side:
             part = arm_slice(side, len(JOINT_NAMES))
-            self._commands[side].tell(
+            self._commands[side].publish(
                 self._messages.joint_command(
                     RAW_POSITION if self._raw else POSITION, list(setpoint.q[part]), list(JOINT_NAMES[part])
                 )
             )
             if self._raw:
-                self._dynamics[side].tell(self._point(setpoint, before, part))
+                self._dynamics[side].publish(self._point(setpoint, before, part))
         self._sent = setpoint
         return setpoint
 

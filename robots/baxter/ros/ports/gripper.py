@@ -185,7 +185,7 @@ class RosGripper:
     def _tell(self) -> None:
         self._told = self._clock.now()
         if not self._stopped():
-            self._publisher.tell(self._waiting[0].message)
+            self._publisher.publish(self._waiting[0].message)
 
     def _heard(self, heard: tuple[Any, float]) -> None:
         """Called with each state of the gripper. Sends the next order, or repeats the first one."""

@@ -52,4 +52,4 @@ class RosHead:
     def _tell(self) -> None:
         self._told = self._clock.now()
         kind = self._messages.head_pan_command
-        self._publisher.tell(kind(self._goal, SPEED, kind.REQUEST_PAN_ENABLE))
+        self._publisher.publish(kind(self._goal, SPEED, kind.REQUEST_PAN_ENABLE))

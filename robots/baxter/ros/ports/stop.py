@@ -113,7 +113,7 @@ class RosStop:
         """Repeat the reset command until the robot reports that it has left its stop with its motors off."""
         begun = self._clock.now()
         while self._clock.now() < begun + RESET_S:
-            self._reset.tell(self._empty())
+            self._reset.publish(self._empty())
             self._clock.sleep_until(self._clock.now() + TICK_S)
             requested, robot = self._requested, self.robot.newest
             if requested is not None and requested is not resetting:
@@ -146,7 +146,7 @@ class RosStop:
         """Repeat the stop command until the robot reports that it has stopped."""
         while os.read(self._wake, 1) == b"s":
             while self._unconfirmed() and time.monotonic() < self._until:
-                self._stop.tell(self._empty())
+                self._stop.publish(self._empty())
                 time.sleep(REPEAT_S)
             if self._until < math.inf:
                 return

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.config.trajectory_library.library_file import entry_of
 from foldcell.skills.fold_plan.plan import plan_folds
 from foldcell.skills.trajectory.arcs.bezier import arc_controls
 from foldcell.skills.trajectory.arcs.frame import FoldFrame, frames_of
@@ -20,7 +21,6 @@ from foldcell.skills.trajectory.trajectory_library import (
     Library,
     LibraryEntry,
     _digest,
-    entry_from,
     from_json,
     lookup,
     to_json,
@@ -39,11 +39,7 @@ def trajectory(step: FoldStep) -> GraspTrajectory:
 
 
 def entry(step: FoldStep = HALF, **change: object) -> LibraryEntry:
-    made = entry_from(
-        trajectory(step), step, category="towel", variant="far_onto_near", garment="medium_towel",
-        material=TOWEL.material, size_m=TOWEL.size_m, edge_length=0.025, method="default",
-        dissimilarity_initial=0.012, max_tool_speed=0.35, version="0.1.0",
-    )  # fmt: skip
+    made = replace(entry_of(TOWEL, step, trajectory(step), "default", 0.012), max_tool_speed=0.35)
     return replace(made, **change)  # type: ignore[arg-type]
 
 

@@ -26,7 +26,7 @@ from foldcell.skills.fold_plan.plan import plan_folds
 from foldcell.skills.trajectory.arcs.bezier import arc_controls
 from foldcell.skills.trajectory.arcs.frame import frames_of
 from foldcell.skills.trajectory.search.acceptance import POOR_SHARE, PROMISE_SLACK
-from foldcell.skills.trajectory.trajectory_library import Library, entry_from
+from foldcell.skills.trajectory.trajectory_library import Library
 from foldcell.skills.vocabulary import GarmentState, GraspId, GraspTrajectory
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
@@ -47,13 +47,8 @@ DIAGONAL = float(np.linalg.norm(np.ptp(MESH.rest, axis=0)))
 def library(height: float = LIBRARY_HEIGHT) -> Library:
     frames = frames_of(HALF, TOWEL.material.thickness)
     controls = {s: arc_controls(f.start, f.end, height, 0.0) for s, f in frames.items()}
-    return Library((
-        entry_from(
-            GraspTrajectory(controls, 2.0, "optimised", 5.0, PROMISED, 25), HALF, category="towel",
-            variant="left_onto_right", garment="medium_towel", material=TOWEL.material, size_m=TOWEL.size_m,
-            edge_length=0.02, method="default", dissimilarity_initial=0.01, max_tool_speed=0.35, version="0",
-        ),
-    ))  # fmt: skip
+    found = GraspTrajectory(controls, 2.0, "optimised", 5.0, PROMISED, 25)
+    return Library((replace(entry_of(TOWEL, HALF, found, "default", 0.01), max_tool_speed=0.35),))
 
 
 class Perceived:
