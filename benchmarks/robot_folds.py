@@ -17,7 +17,7 @@ from benchmarks.motion.workload import tasks
 from foldcell.cell.commands.shared import table
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.robots.registry import find_robot
-from foldcell.skills.motion.moves.fold import plan_fold_motion
+from foldcell.skills.motion.moves.fold import plan_hands_motion
 from foldcell.skills.motion.validation.collision import CollisionChecker
 
 
@@ -33,8 +33,8 @@ def main() -> int:
     planned: Counter[str] = Counter()
     failures: Counter[tuple[str, str]] = Counter()
     for task in tasks(options.poses, settings.surface):
-        outcome = plan_fold_motion(
-            model, checker, settings.table, task.step, task.paths, model.q_park, limits=limits,
+        outcome = plan_hands_motion(
+            model, checker, settings.table, task.paths, model.q_park, limits=limits,
             tool_speed=min(task.garment.max_tool_speed, settings.motion.tool_speed),
             approach_height=settings.motion.approach_height, rng=np.random.default_rng(1),
         )  # fmt: skip

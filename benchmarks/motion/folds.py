@@ -22,7 +22,7 @@ from benchmarks.motion.workload import Task, tasks
 from foldcell.cell.config.cell_settings import CellSettings
 from foldcell.robots.model import JointLimits, RobotModel
 from foldcell.robots.ports import ArmTrajectory, Array, Side, arm_slice
-from foldcell.skills.motion.moves.fold import FoldMotion, plan_fold_motion
+from foldcell.skills.motion.moves.fold import FoldMotion, plan_hands_motion
 from foldcell.skills.motion.timing import timing
 from foldcell.skills.motion.validation.collision import CollisionChecker
 from foldcell.skills.vocabulary import ToolPath
@@ -92,8 +92,8 @@ def _planned(
     found: _Findings,
 ) -> FoldMotion | None:
     start = time.thread_time()
-    outcome = plan_fold_motion(
-        model, checker, settings.table, task.step, task.paths, model.q_park, limits=limits,
+    outcome = plan_hands_motion(
+        model, checker, settings.table, task.paths, model.q_park, limits=limits,
         tool_speed=min(task.garment.max_tool_speed, settings.motion.tool_speed),
         approach_height=settings.motion.approach_height, rng=np.random.default_rng(1),
     )  # fmt: skip

@@ -24,7 +24,7 @@ from foldcell.robots.ports import Array
 from foldcell.skills.fold_plan.plan import plan_folds
 from foldcell.skills.garments.garment import Garment, PoseRange
 from foldcell.skills.garments.picture_measure import fitted_template
-from foldcell.skills.motion.moves.fold import plan_fold_motion
+from foldcell.skills.motion.moves.fold import plan_hands_motion
 from foldcell.skills.motion.validation.collision import CollisionChecker
 from foldcell.skills.perception.rectification.table_view import TableView
 from foldcell.skills.perception.settings import VIEW_BORDER
@@ -98,8 +98,8 @@ def placed_folds(garment: Garment, settings: CellSettings, model: RobotModel, po
                 why = why or steps.failure.what
                 continue
             step = steps.unwrap()[index]
-            motion = plan_fold_motion(
-                model, checker, settings.table, step, plain_paths(step, garment), model.q_park,
+            motion = plan_hands_motion(
+                model, checker, settings.table, plain_paths(step, garment), model.q_park,
                 limits=model.limits(settings.motion.accelerations, settings.motion.velocity_scale),
                 tool_speed=min(garment.max_tool_speed, settings.motion.tool_speed),
                 approach_height=settings.motion.approach_height, rng=motion_rng(),

@@ -15,7 +15,7 @@ from foldcell.skills.cloth.pinch import Patch
 from foldcell.skills.cloth.predict import FoldPrediction, predict_fold
 from foldcell.skills.garments.garment import Garment
 from foldcell.skills.motion.kinematics.posture import Posture
-from foldcell.skills.motion.moves.fold import FoldMotion, plan_fold_motion
+from foldcell.skills.motion.moves.fold import FoldMotion, plan_hands_motion
 from foldcell.skills.motion.validation.collision import CollisionChecker
 from foldcell.skills.trajectory.arcs.paths import after_lift
 from foldcell.skills.trajectory.search.optimise import ClothPredictor, Progress, Watch, optimise_fold
@@ -111,10 +111,10 @@ def plan_arms(
 ) -> Outcome[FoldMotion]:
     """Plan the motion of both arms for a step along tool paths, from q_now (joints,) at rest. upright: first try
     hands that are upright at the grasp, as if layers were to stay. The failures are those of
-    `plan_fold_motion`."""
+    `plan_hands_motion`."""
     layers_stay = upright or not all(g.whole_stack(garment.material.thickness) for g in step.grasps.values())
-    return plan_fold_motion(
-        model, checker, settings.table, step, paths, q_now, limits=limits,
+    return plan_hands_motion(
+        model, checker, settings.table, paths, q_now, limits=limits,
         tool_speed=tool_speed(settings, garment), approach_height=settings.motion.approach_height,
         lift=settings.grasp.lift_height, rng=rng, avoid=avoid, upright_grasps=layers_stay,
     )  # fmt: skip

@@ -18,6 +18,7 @@ import pytest
 
 from foldcell.cell.config.garments.garment_file import load_garment
 from foldcell.cell.journal.journal import Journal, performed
+from foldcell.cell.planning.fold_planning import plan_arms
 from foldcell.cell.simulation import Fault, FaultKind
 from foldcell.cell.states.commands import CommandQueue
 from foldcell.cell.states.fold_request import FoldRequest
@@ -26,7 +27,6 @@ from foldcell.cell.states.transition_table import Effect, Event
 from foldcell.robots.baxter.robot import load_model
 from foldcell.robots.errors import Failure, FailureKind
 from foldcell.robots.ports import Ports
-from foldcell.skills.motion.moves.fold import plan_fold_motion
 from foldcell.skills.trajectory.search.optimise import optimise_fold
 from foldcell.skills.vocabulary import Outcome
 from tests.runs import PLAIN, Onlooker, decided_again, fold_request, once_folded_towel
@@ -184,12 +184,12 @@ def test_an_unreachable_fold_uses_the_other_variant_of_the_plan(
     which = "half"
     first = {step.name: step.variants[0].name for step in load_garment("small_towel").plan}
 
-    def blocked(robot: Any, checker: Any, table: Any, step: Any, *rest: Any, **options: Any) -> Any:
+    def blocked(settings: Any, robot: Any, checker: Any, limits: Any, garment: Any, step: Any, *rest: Any) -> Any:
         if step.name == which and step.variant == first[which]:
             return Outcome(failure=Failure(FailureKind.UNREACHABLE, "something stands there", "move it"))
-        return plan_fold_motion(robot, checker, table, step, *rest, **options)
+        return plan_arms(settings, robot, checker, limits, garment, step, *rest)
 
-    monkeypatch.setattr("foldcell.cell.planning.fold_planning.plan_fold_motion", blocked)
+    monkeypatch.setattr("foldcell.cell.executive.effects.planning.plan_arms", blocked)
     onlooker = Onlooker()
     request = fold_request(
         tmp_path, {}, garment=once_folded_towel(tmp_path), seed=5, record_truth=True, record=True

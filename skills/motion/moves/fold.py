@@ -1,6 +1,6 @@
 """The arm motion of one fold: approach, descent, arc, retreat and return to the parked pose.
 
-`plan_fold_motion` plans the whole motion before anything moves. The height at which the guarded descent ends is
+`plan_hands_motion` plans the whole motion before anything moves. The height at which the guarded descent ends is
 known only when it has ended. `arc.plan_arc` is therefore called again from the configuration that was reached. If
 a grasp is tried again at another place, `grasp.plan_grasp` is called again.
 """
@@ -30,9 +30,9 @@ from foldcell.skills.motion.validation.inputs import (
     validate_state,
     validate_tool_speed,
 )
-from foldcell.skills.vocabulary import FoldStep, GraspId, Outcome, Table, ToolPath
+from foldcell.skills.vocabulary import GraspId, Outcome, Table, ToolPath
 
-__all__ = ["FoldMotion", "plan_fold_motion", "plan_hands_motion"]
+__all__ = ["FoldMotion", "plan_hands_motion"]
 
 MAX_STRETCH = 1.3
 """If the arms' limits lengthen the fold's duration by more than this factor, the next postures are tried too."""
@@ -77,35 +77,6 @@ class FoldMotion:
     def duration(self) -> float:
         """Total time of all parts except the guarded descent, whose duration is not known beforehand [s]."""
         return sum(part.duration for part in (self.approach, self.fold, self.retreat, self.park))
-
-
-def plan_fold_motion(
-    model: RobotModel,
-    checker: CollisionChecker,
-    table: Table,
-    step: FoldStep,
-    paths: Mapping[GraspId, ToolPath],
-    q_now: Array,
-    *,
-    limits: JointLimits | None = None,
-    tool_speed: float | None = None,
-    approach_height: float = APPROACH_HEIGHT,
-    lift: float = 0.0,
-    avoid: Sequence[Mapping[Side, Posture]] = (),
-    upright_grasps: bool = False,
-    rng: np.random.Generator | None = None,
-) -> Outcome[FoldMotion]:
-    """Plan one fold from q_now (joints,), at rest.
-
-    paths: one per grasp of `step.grasps`, else ValueError is raised. The other arguments and the failures are
-    those of `plan_hands_motion`.
-    """
-    if set(paths) != set(step.grasps):
-        raise ValueError(f"paths for {sorted(paths)} do not fit grasps for {sorted(step.grasps)}")
-    return plan_hands_motion(
-        model, checker, table, paths, q_now, limits=limits, tool_speed=tool_speed,
-        approach_height=approach_height, lift=lift, avoid=avoid, upright_grasps=upright_grasps, rng=rng,
-    )  # fmt: skip
 
 
 def plan_hands_motion(

@@ -82,7 +82,7 @@ def plan_grasp(
 ) -> Outcome[GraspMotion]:
     """Plan the approach to `approach_height` [m] above the start of each path, and each arm's straight descent.
 
-    postures: by arm. paths: as for `plan_fold_motion`; to try a grasp at another place, pass shifted paths.
+    postures: by arm. paths: as for `plan_hands_motion`; to try a grasp at another place, pass shifted paths.
     q_hint: joints (arm,) near those at the start of the descent, by arm; None: the arms' present joints. Failures:
     STALE_STATE (q_now is not a valid state), LIMIT_EXCEEDED (a height is negative, too large or not finite),
     UNREACHABLE, IN_COLLISION, those of `plan_free_motion`.

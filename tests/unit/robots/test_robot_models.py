@@ -13,11 +13,11 @@ from foldcell.robots.model import RobotModel
 from foldcell.robots.ports import Array, Side
 from foldcell.robots.ur5_pair.robot import ROBOT as UR5_PAIR
 from foldcell.skills.motion.kinematics import ik
-from foldcell.skills.motion.moves.fold import plan_fold_motion
+from foldcell.skills.motion.moves.fold import plan_hands_motion
 from foldcell.skills.motion.timing.timing import free_motion, peaks, time_path
 from foldcell.skills.motion.validation.collision import CollisionChecker
 from foldcell.skills.motion.validation.trajectory_check import check_trajectory
-from foldcell.skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId, Table, ToolPath
+from foldcell.skills.vocabulary import GraspId, Table, ToolPath
 from tests.builders.stops import stop_profile
 from tests.panda_arms import load_pandas
 from tests.tool_paths import path_deviation
@@ -126,10 +126,7 @@ def test_a_planned_fold_passes_the_execution_check(model: RobotModel, checker: C
         x, z = 0.55 + 0.14 * np.cos(np.pi * share), 0.10 * np.sin(np.pi * share) + 0.01 * share
         zero = np.zeros(len(t))
         paths[i] = ToolPath(t, np.stack([x, np.full(len(t), y), z], axis=1), zero + np.pi / 2, zero, zero)
-    grasps = {i: Grasp(p.position[0, :2], np.pi / 2, 1, 0.0025) for i, p in paths.items()}
-    line = FoldLine(np.array([0.55, 0.0]), np.array([0.0, 1.0]))
-    step = FoldStep("half", 0, line, (), grasps, {i: p.position[-1] for i, p in paths.items()})
-    motion = plan_fold_motion(model, checker, TABLE, step, paths, model.q_park).unwrap()
+    motion = plan_hands_motion(model, checker, TABLE, paths, model.q_park).unwrap()
     for part, fingers in (
         (motion.approach, False), (motion.fold, True), (motion.retreat, True), (motion.park, False)
     ):  # fmt: skip

@@ -33,7 +33,7 @@ def test_hands_are_upright_at_the_grasp_after_the_recovery(
     garment = load_garment("pants")
     grasp = Grasp(np.zeros(2), 0.0, 2, 2 * garment.material.thickness)
     task = SimpleNamespace(step=SimpleNamespace(grasps={GraspId.LEFT: grasp}), paths={})
-    monkeypatch.setattr(fold_planning, "plan_fold_motion", plan)
+    monkeypatch.setattr(fold_planning, "plan_hands_motion", plan)
     monkeypatch.setattr(planning, "_task", lambda *_: task)
     monkeypatch.setattr(planning, "fresh_state", lambda *_: Outcome(SimpleNamespace(q=np.zeros(14))))
     context = context_with(garment=garment, adjustments=adjustments, trajectory=SimpleNamespace(), step=task.step)

@@ -14,7 +14,7 @@ from foldcell.robots.ports import Side, arm_slice
 from foldcell.skills.motion.kinematics.posture import Posture, angles_of
 from foldcell.skills.motion.moves import rrt_connect
 from foldcell.skills.motion.moves.arc import plan_arc
-from foldcell.skills.motion.moves.fold import plan_fold_motion
+from foldcell.skills.motion.moves.fold import plan_hands_motion
 from foldcell.skills.motion.moves.free_motion import plan_free_motion
 from foldcell.skills.motion.moves.grasp import plan_grasp
 from foldcell.skills.motion.moves.lift import plan_lift
@@ -101,7 +101,7 @@ def towel_fold(name, number, x=0.60, y=0.0, angle=0.0, **options):
 
 
 def planned(checker, step, paths, **options):
-    return plan_fold_motion(MODEL, checker, TABLE, step, paths, MODEL.q_park, **options)
+    return plan_hands_motion(MODEL, checker, TABLE, paths, MODEL.q_park, **options)
 
 
 def tools(side, q):
@@ -341,7 +341,7 @@ def test_unplannable_requests_are_failures(checker, spoilt):
     q = np.array(MODEL.q_park)
     q[3] = spoilt
     for outcome in (
-        plan_fold_motion(MODEL, checker, TABLE, step, paths, q),
+        plan_hands_motion(MODEL, checker, TABLE, paths, q),
         plan_free_motion(MODEL, checker, q, MODEL.q_park),
         plan_retreat(MODEL, checker, q),
         plan_lift(MODEL, checker, q, (Side.LEFT,), 0.03),
