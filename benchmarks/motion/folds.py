@@ -180,7 +180,7 @@ class _Ruler:
 
     def _down(self, motion: FoldMotion) -> Array:
         """Sample the joints (n, 14) while both hands descend simultaneously to the planned grasps."""
-        q = np.tile(motion.grasp.q_above, (30, 1))
+        q = np.tile(motion.q_above, (30, 1))
         for side, way in motion.descend.items():
             q[:, arm_slice(side, 14)] = [way.at(x) for x in np.linspace(0.0, way.grasp_depth, len(q))]
         return q

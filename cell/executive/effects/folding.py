@@ -41,7 +41,7 @@ def fold(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
     watch = _all_of(_slip_watch(cell, context.fold), _photographer(cell, calibration, moments, pictures))
     control = pausable(cell)
     failure = as_failure(lambda: stream(cell.loop, trajectory, cell.hands.recording(watch), control).failure)
-    executed = replace(attempt.motion, arc=arc)  # friction is learned from the executed arc
+    executed = replace(attempt.motion, **vars(arc))  # friction is learned from the executed arc
     attempt = replace(attempt, pictures=tuple(pictures), motion=executed)
     context = with_waiting_time(context.with_attempt(attempt), control)
     context.require(failure)

@@ -15,10 +15,10 @@ import numpy as np
 
 from foldcell.robots.errors import Failure
 from foldcell.robots.model import JointLimits, RobotModel
-from foldcell.robots.ports import ArmTrajectory, Array, Side
+from foldcell.robots.ports import Array, Side
 from foldcell.skills.motion.kinematics.posture import Posture
 from foldcell.skills.motion.moves.arc import ArcMotion, intended_duration, plan_arc
-from foldcell.skills.motion.moves.grasp import APPROACH_HEIGHT, Descent, GraspMotion, plan_grasp
+from foldcell.skills.motion.moves.grasp import APPROACH_HEIGHT, GraspMotion, plan_grasp
 from foldcell.skills.motion.moves.lift import plan_lift
 from foldcell.skills.motion.moves.posture_search import PostureChoice, rank_postures
 from foldcell.skills.motion.moves.retreat import RETREAT_HEIGHT
@@ -41,37 +41,11 @@ SEARCHES = 2
 Then a second search looks for others."""
 
 
-@dataclass(frozen=True, eq=False)
-class FoldMotion:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FoldMotion(GraspMotion, ArcMotion):
     """The motion of a whole fold. postures: by arm; each names the grasp of the step that the arm takes."""
 
     postures: Mapping[Side, Posture]
-    grasp: GraspMotion
-    arc: ArcMotion
-
-    @property
-    def approach(self) -> ArmTrajectory:
-        return self.grasp.approach
-
-    @property
-    def descend(self) -> Mapping[Side, Descent]:
-        return self.grasp.descend
-
-    @property
-    def fold(self) -> ArmTrajectory:
-        return self.arc.fold
-
-    @property
-    def retreat(self) -> ArmTrajectory:
-        return self.arc.retreat
-
-    @property
-    def park(self) -> ArmTrajectory:
-        return self.arc.park
-
-    @property
-    def tool_paths(self) -> Mapping[Side, ToolPath]:
-        return self.arc.tool_paths
 
     @property
     def duration(self) -> float:
@@ -193,4 +167,4 @@ def _plan_with(
     )  # fmt: skip
     if arc.failure:
         return Outcome(failure=arc.failure)
-    return Outcome(FoldMotion(choice.postures, grasp.unwrap(), arc.unwrap()))
+    return Outcome(FoldMotion(postures=choice.postures, **vars(grasp.unwrap()), **vars(arc.unwrap())))

@@ -129,7 +129,7 @@ def test_every_towel_fold_is_planned_within_limits_and_margins_on_its_path(check
     for part in parts:
         assert peaks(part, MODEL.planning).worst <= 1.0 + 1e-6
     assert np.array_equal(motion.approach.q[0], MODEL.q_park)
-    assert motion.fold.q[0] == pytest.approx(motion.grasp.q_grasp, abs=1e-9)
+    assert motion.fold.q[0] == pytest.approx(motion.q_grasp, abs=1e-9)
     assert motion.retreat.q[0] == pytest.approx(motion.fold.q[-1], abs=1e-9)
     assert motion.park.q[0] == pytest.approx(motion.retreat.q[-1], abs=1e-9)
     assert motion.park.q[-1] == pytest.approx(MODEL.q_park, abs=1e-9)
@@ -161,15 +161,15 @@ def test_descents_go_straight_down_to_the_grasp_and_beyond(checker):
     motion = planned(checker, step, paths, approach_height=0.1).unwrap()
     for side, way in motion.descend.items():
         assert way.depth[0] == 0.0 and way.depth[-1] == pytest.approx(0.115)
-        q = np.tile(motion.grasp.q_above, (len(way.depth), 1))
+        q = np.tile(motion.q_above, (len(way.depth), 1))
         q[:, arm_slice(side, 14)] = way.q
-        assert q[0] == pytest.approx(motion.grasp.q_above, abs=1e-9)
+        assert q[0] == pytest.approx(motion.q_above, abs=1e-9)
         T = tools(side, q)
         start = paths[motion.postures[side].path].position[0]
         assert np.abs(T[:, :2, 3] - start[:2]).max() < 1e-7
         assert T[:, 2, 3] - TABLE.height == pytest.approx(start[2] + 0.1 - way.depth, abs=1e-7)
         assert np.abs(T[:, :3, :3] - T[0, :3, :3]).max() < 1e-7
-        grasp = np.array(motion.grasp.q_above)
+        grasp = np.array(motion.q_above)
         grasp[arm_slice(side, 14)] = way.at(way.grasp_depth)
         assert MODEL.tool_pose(side, grasp)[:3, 3] - [0, 0, TABLE.height] == pytest.approx(start, abs=1e-5)
 
@@ -189,7 +189,7 @@ def test_retreats_go_straight_up(checker):
 
 def test_a_lift_raises_only_the_hands_that_hold(checker):
     step, paths = towel_fold("medium", 1)
-    q = planned(checker, step, paths).unwrap().grasp.q_grasp
+    q = planned(checker, step, paths).unwrap().q_grasp
     up = plan_lift(MODEL, checker, q, (Side.LEFT,), 0.03).unwrap()
     assert check_trajectory(MODEL, checker, up, q, MODEL.planning, allow_fingertips=True).ok
     rise = MODEL.tool_pose(Side.LEFT, up.q[-1]) - MODEL.tool_pose(Side.LEFT, q)
@@ -242,7 +242,7 @@ def test_an_arc_can_be_planned_again_from_the_hands_real_positions(checker):
     """The descent ended 4 mm higher and the arms lag a little. The arc starts there and ends as planned before."""
     step, paths = towel_fold("medium", 1)
     motion = planned(checker, step, paths).unwrap()
-    q = np.array(motion.grasp.q_grasp)
+    q = np.array(motion.q_grasp)
     for side, way in motion.descend.items():
         q[arm_slice(side, 14)] = way.at(way.grasp_depth - 0.004)
     q += np.random.default_rng(3).normal(0.0, 0.003, 14)
@@ -267,13 +267,13 @@ def test_the_arc_after_a_lift_begins_where_the_lift_ends(checker, number):
     step, paths = towel_fold("medium", number)
     motion = planned(checker, step, paths, lift=lift).unwrap()
     for side, posture in motion.postures.items():
-        grasp, begin = tools(side, (motion.grasp.q_grasp, motion.fold.q[0]))
+        grasp, begin = tools(side, (motion.q_grasp, motion.fold.q[0]))
         assert begin[:3, 3] - grasp[:3, 3] == pytest.approx([0.0, 0.0, lift], abs=1e-4)
         assert begin[:3, :3] == pytest.approx(grasp[:3, :3], abs=1e-4)
         done, intended = motion.tool_paths[side].position, paths[posture.path].position
         assert done[0] - intended[0] == pytest.approx([0.0, 0.0, lift], abs=1e-4)
         assert done[-1] == pytest.approx(intended[-1], abs=1e-4)
-    up = plan_lift(MODEL, checker, motion.grasp.q_grasp, tuple(motion.postures), lift).unwrap()
+    up = plan_lift(MODEL, checker, motion.q_grasp, tuple(motion.postures), lift).unwrap()
     again = plan_arc(MODEL, checker, TABLE, paths, motion.postures, up.q[-1]).unwrap()
     assert np.array_equal(again.fold.q, motion.fold.q)
 
@@ -434,7 +434,7 @@ def test_arms_at_the_end_of_their_reach_rise_as_far_as_they_can(checker):
     """The hands missed a grasp and are high above the far edge. They retreat although they can rise only a few
     centimetres."""
     step, paths = towel_fold("large", 2)
-    q, sides = planned(checker, step, paths).unwrap().grasp.q_above, tuple(Side)
+    q, sides = planned(checker, step, paths).unwrap().q_above, tuple(Side)
     while plan_lift(MODEL, checker, q, sides, 0.10).ok:
         q = plan_lift(MODEL, checker, q, sides, 0.03).unwrap().q[-1]
     assert plan_lift(MODEL, checker, q, sides, 0.04).ok
@@ -447,7 +447,7 @@ def test_arms_at_the_end_of_their_reach_rise_as_far_as_they_can(checker):
 def test_a_detour_is_found_if_the_straight_motion_is_blocked(checker):
     """The hands must pass each other: first the left hand is far and the right one near, then the reverse."""
     step, paths = towel_fold("small", 2)
-    a = planned(checker, step, paths).unwrap().grasp.q_above
+    a = planned(checker, step, paths).unwrap().q_above
     mirror = np.array([-1.0, 1, -1, 1, -1, 1, -1])
     b = np.concatenate([a[7:] * mirror, a[:7] * mirror])
     assert not checker.in_collision(b) and not checker.edge_free(a, b)
@@ -477,7 +477,7 @@ def test_the_motion_home_from_close_hands_passes_the_execution_check(checker):
 
 def test_rrt_connect_finds_the_same_path_for_the_same_seed(checker):
     step, paths = towel_fold("small", 2)
-    a = planned(checker, step, paths).unwrap().grasp.q_above
+    a = planned(checker, step, paths).unwrap().q_above
     mirror = np.array([-1.0, 1, -1, 1, -1, 1, -1])
     b = np.concatenate([a[7:] * mirror, a[:7] * mirror])
     ways = [rrt_connect._connect(MODEL, checker, a, b, np.random.default_rng(1)) for _ in range(2)]
