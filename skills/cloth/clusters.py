@@ -19,7 +19,7 @@ tests of whole rows.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,7 @@ from scipy.sparse.csgraph import connected_components
 from foldcell.robots.errors import InternalError
 from foldcell.robots.ports import Array
 from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.cloth.simd.aligned_arrays import Table, named_arrays, zeros
 from foldcell.skills.cloth.simd.f32x16 import LANES
 
 __all__ = ["FAR", "LEAF", "Clusters", "build_clusters", "edge_finder", "triangle_sides"]
@@ -40,92 +41,76 @@ FAR = 1e6  # [m] coordinates in unused lanes, which are thus near nothing; for t
 FACING = 0.1
 
 
-class Clusters(NamedTuple):
-    """Arrays of the m clusters of a mesh. The module's docstring explains rows and lanes. An array `name` beside a
-    `name_start` contains one list per cluster: the list of cluster k is name[name_start[k] : name_start[k + 1]].
-    Unused lanes of indices are -1.
+_TOPOLOGY = (
+    "corner", "corner_start", "tri", "tri_at", "edge", "edge_at", "edge_start", "vertex", "vertex_at",
+    "vertex_start", "face", "ring", "ring_start", "beside", "beside_start", "smooth", "smooth_start", "of_vertex",
+    "of_tri", "of_edge", "at_edge", "edge_beside", "rim",
+)  # fmt: skip
+"""Names of the arrays that never change, all of int32."""
+_GEOMETRY: Table = {
+    "box": (np.float32, "groups", 9, LANES),
+    "group": (np.float32, "groups", 9),
+    "slab": (np.float32, "m", 6),
+    "normal": (np.float32, "m", 6),
+    "place": (np.float32, 3, "corners"),
+    "tri_geo": (np.float32, "m", 15, LANES),
+    "edge_geo": (np.float32, "edge_rows", 13, LANES),
+    "vertex_geo": (np.float32, "vertex_rows", 7, LANES),
+    "bent": (np.int32, "edge_rows"),
+    "ridge": (np.int32, "edge_rows"),
+    "ridge_before": (np.int32, "edge_rows"),
+    "ridges": (np.int32, "m"),
+    "ridge_edge": (np.int32, "edge_rows", 3, LANES),
+    "fitted": (np.bool_, "m"),
+    "stale": (np.bool_, "m"),
+    "hit": (np.int32, "hits"),
+}
+Clusters = named_arrays("Clusters", (*_TOPOLOGY, *_GEOMETRY), __name__)
+"""Arrays of the m clusters of a mesh. The module's docstring explains rows and lanes. An array `name` beside a
+`name_start` contains one list per cluster: the list of cluster k is name[name_start[k] : name_start[k + 1]].
+Unused lanes of indices are -1.
 
-    Topology. corner: (corners,) the vertices of each cluster's triangles. Each list has LANES or 2 LANES entries;
-    the last vertex is repeated to fill it. Clusters with a common vertex have separate corners for it, each with a
-    separate course. tri: (m, LANES) the triangles of each cluster. edge, vertex: (rows, LANES) the edges and the
-    vertices that each cluster owns. tri_at (m, 3, LANES), edge_at (rows, 2, LANES), vertex_at (rows, LANES):
-    indices of the corners of these triangles, edges and vertices, arbitrary in unused lanes. face: (m, 4, LANES)
-    each triangle and its three vertices. of_tri, of_edge, of_vertex: for each primitive, the one cluster that owns
-    it; because it has one owner, a pair is found once. ring: the triangles in each cluster and beside it, each as
-    cluster x LANES + lane. beside: the clusters of the same layer that share a vertex with a cluster, itself
-    included. smooth: those clusters of `beside` that cannot touch the cluster as long as all normals of both lean
-    in one direction.
+Topology. corner: (corners,) the vertices of each cluster's triangles. Each list has LANES or 2 LANES entries;
+the last vertex is repeated to fill it. Clusters with a common vertex have separate corners for it, each with a
+separate course. tri: (m, LANES) the triangles of each cluster. edge, vertex: (rows, LANES) the edges and the
+vertices that each cluster owns. tri_at (m, 3, LANES), edge_at (rows, 2, LANES), vertex_at (rows, LANES):
+indices of the corners of these triangles, edges and vertices, arbitrary in unused lanes. face: (m, 4, LANES)
+each triangle and its three vertices. of_tri, of_edge, of_vertex: for each primitive, the one cluster that owns
+it; because it has one owner, a pair is found once. ring: the triangles in each cluster and beside it, each as
+cluster x LANES + lane. beside: the clusters of the same layer that share a vertex with a cluster, itself
+included. smooth: those clusters of `beside` that cannot touch the cluster as long as all normals of both lean
+in one direction.
 
-    Bounds of the corners, each stored as middle, extent (half the size) and speed. The bounds are predicted for
-    the middle of the horizon (the time for which the pairs of a search are valid): in a frame that moves with this
-    speed, the corners stay within the extent during the whole horizon. box: (groups, 9, LANES) bounds of each
-    cluster along the axes; cluster k is in lane k % LANES of row k // LANES. group: (groups, 9) common bounds of
-    the LANES clusters in a row of `box`. slab: (m, 6) mean normal of a cluster and bounds along it. normal: (m, 6)
-    least and largest components of the normals of the triangles in `ring`, updated only in stale clusters and
-    their neighbours.
+Bounds of the corners, each stored as middle, extent (half the size) and speed. The bounds are predicted for
+the middle of the horizon (the time for which the pairs of a search are valid): in a frame that moves with this
+speed, the corners stay within the extent during the whole horizon. box: (groups, 9, LANES) bounds of each
+cluster along the axes; cluster k is in lane k % LANES of row k // LANES. group: (groups, 9) common bounds of
+the LANES clusters in a row of `box`. slab: (m, 6) mean normal of a cluster and bounds along it. normal: (m, 6)
+least and largest components of the normals of the triangles in `ring`, updated only in stale clusters and
+their neighbours.
 
-    Geometry. place: (3, corners) predicted positions. tri_geo: (m, 15, LANES) of each triangle: box, normal,
-    offset of its plane, velocity of the middle, largest difference between a corner's velocity and that of the
-    middle, slack. Unused lanes have the box of arbitrary corners and a zero normal. edge_geo: (rows, 13, LANES) of
-    each ridge: start, vector to the end, squared length, velocity of the middle, difference between an end's
-    velocity and that of the middle, slack, inverse squared length. vertex_geo: (rows, 7, LANES) of each vertex:
-    position, velocity, slack. stale: (m,) True for clusters to be searched. fitted: (m,) True where the geometry
-    was just updated. hit: (m + LANES,) scratch.
+Geometry. place: (3, corners) predicted positions. tri_geo: (m, 15, LANES) of each triangle: box, normal,
+offset of its plane, velocity of the middle, largest difference between a corner's velocity and that of the
+middle, slack. Unused lanes have the box of arbitrary corners and a zero normal. edge_geo: (rows, 13, LANES) of
+each ridge: start, vector to the end, squared length, velocity of the middle, difference between an end's
+velocity and that of the middle, slack, inverse squared length. vertex_geo: (rows, 7, LANES) of each vertex:
+position, velocity, slack. stale: (m,) True for clusters to be searched. fitted: (m,) True where the geometry
+was just updated. hit: (m + LANES,) scratch.
 
-    Ridges. at_edge: (e,) position of each edge in `edge`, as row x LANES + lane. edge_beside: (rows, 2, LANES) the
-    two triangles beside each edge, each as cluster x LANES + lane, 0 if there are not two in one layer. Four bit
-    masks, (rows,), have one bit per edge. rim: edges without two triangles in one layer. bent: these edges and the
-    edges at a bend. ridge: the edges of `bent` and those that stay ridges in this search (ridges.py).
-    ridge_before: the ridges for which edge_geo was computed. edge_geo contains only the ridges, packed from the
-    first row of each cluster on. ridges: (m,) number of ridges in each cluster. ridge_edge: (rows, 3, LANES) their
-    edges and end vertices, packed in the same way.
-    """
-
-    corner: NDArray[np.int32]
-    corner_start: NDArray[np.int32]
-    tri: NDArray[np.int32]
-    tri_at: NDArray[np.int32]
-    edge: NDArray[np.int32]
-    edge_at: NDArray[np.int32]
-    edge_start: NDArray[np.int32]
-    vertex: NDArray[np.int32]
-    vertex_at: NDArray[np.int32]
-    vertex_start: NDArray[np.int32]
-    face: NDArray[np.int32]
-    ring: NDArray[np.int32]
-    ring_start: NDArray[np.int32]
-    beside: NDArray[np.int32]
-    beside_start: NDArray[np.int32]
-    smooth: NDArray[np.int32]
-    smooth_start: NDArray[np.int32]
-    of_vertex: NDArray[np.int32]
-    of_tri: NDArray[np.int32]
-    of_edge: NDArray[np.int32]
-    box: NDArray[np.float32]
-    group: NDArray[np.float32]
-    slab: NDArray[np.float32]
-    normal: NDArray[np.float32]
-    place: NDArray[np.float32]
-    tri_geo: NDArray[np.float32]
-    edge_geo: NDArray[np.float32]
-    vertex_geo: NDArray[np.float32]
-    at_edge: NDArray[np.int32]
-    edge_beside: NDArray[np.int32]
-    rim: NDArray[np.int32]
-    bent: NDArray[np.int32]
-    ridge: NDArray[np.int32]
-    ridge_before: NDArray[np.int32]
-    ridges: NDArray[np.int32]
-    ridge_edge: NDArray[np.int32]
-    fitted: NDArray[np.bool_]
-    stale: NDArray[np.bool_]
-    hit: NDArray[np.int32]
+Ridges. at_edge: (e,) position of each edge in `edge`, as row x LANES + lane. edge_beside: (rows, 2, LANES) the
+two triangles beside each edge, each as cluster x LANES + lane, 0 if there are not two in one layer. Four bit
+masks, (rows,), have one bit per edge. rim: edges without two triangles in one layer. bent: these edges and the
+edges at a bend. ridge: the edges of `bent` and those that stay ridges in this search (ridges.py).
+ridge_before: the ridges for which edge_geo was computed. edge_geo contains only the ridges, packed from the
+first row of each cluster on. ridges: (m,) number of ridges in each cluster. ridge_edge: (rows, 3, LANES) their
+edges and end vertices, packed in the same way.
+"""
 
 
-def build_clusters(mesh: ClothMesh, edge: NDArray[np.int32]) -> Clusters:
-    """Split each layer of a mesh into clusters: halve each part repeatedly, perpendicular to the material axis (x
-    or y) along which the part is longer; then split clusters that are not connected. edge: (e, 2) the edges, in
-    the order of the edge numbers in the pairs."""
+def build_clusters(mesh: ClothMesh, edge: NDArray[np.int32]) -> Any:
+    """Return the `Clusters` of a mesh. Each layer is split: each part is halved repeatedly, perpendicular to the
+    material axis (x or y) along which it is longer; then clusters that are not connected are split. edge: (e, 2)
+    the edges, in the order of the edge numbers in the pairs."""
     centre = mesh.rest[mesh.triangles].mean(axis=1)
     clusters: list[NDArray[np.intp]] = []
 
@@ -157,56 +142,25 @@ def build_clusters(mesh: ClothMesh, edge: NDArray[np.int32]) -> Clusters:
     near = _beside(mesh, clusters)
     beside, beside_start = _rows(near)
     smooth, smooth_start = _rows(_smooth_beside(mesh, clusters, near))
-    groups = -(-m // LANES)
-    box = np.zeros((groups, 9, LANES), np.float32)
-    box[:, :3] = FAR
-    tri_geo = np.zeros((m, 15, LANES), np.float32)
-    edge_geo = np.zeros((len(owned), 13, LANES), np.float32)
-    edge_geo[:, :3], edge_geo[:, 3:7], edge_geo[:, 12] = FAR, 1.0, 1.0
-    vertex_geo = np.zeros((len(vertex), 7, LANES), np.float32)
-    vertex_geo[:, :3] = FAR
     edge_beside, rim = _beside_edges(edge_tri, paired, owned, slot)
-    return Clusters(
-        corner,
-        corner_start,
-        tri,
-        find(of_tri[tri][..., None], mesh.triangles[tri]).transpose(0, 2, 1).copy(),
-        owned,
-        find(of_edge[owned][..., None], edge[owned]).transpose(0, 2, 1).copy(),
-        edge_start,
-        vertex,
-        find(of_vertex[vertex], vertex),
-        vertex_start,
-        _with_corners(tri, mesh.triangles),
-        ring,
-        ring_start,
-        beside,
-        beside_start,
-        smooth,
-        smooth_start,
-        of_vertex,
-        of_tri,
-        of_edge,
-        box,
-        np.zeros((groups, 9), np.float32),
-        np.zeros((m, 6), np.float32),
-        np.zeros((m, 6), np.float32),
-        np.zeros((3, len(corner)), np.float32),
-        tri_geo,
-        edge_geo,
-        vertex_geo,
-        _inverse(owned, len(edge)),
-        edge_beside,
-        rim,
-        rim.copy(),
-        rim.copy(),
-        np.zeros_like(rim),
-        np.zeros(m, np.int32),
-        np.full((len(owned), 3, LANES), -1, np.int32),
-        np.zeros(m, np.bool_),
-        np.zeros(m, np.bool_),
-        np.zeros(m + LANES, np.int32),
-    )
+    made = Clusters(
+        corner=corner, corner_start=corner_start, tri=tri, edge=owned, edge_start=edge_start, vertex=vertex,
+        tri_at=find(of_tri[tri][..., None], mesh.triangles[tri]).transpose(0, 2, 1).copy(),
+        edge_at=find(of_edge[owned][..., None], edge[owned]).transpose(0, 2, 1).copy(),
+        vertex_at=find(of_vertex[vertex], vertex), vertex_start=vertex_start,
+        face=_with_corners(tri, mesh.triangles), ring=ring, ring_start=ring_start, beside=beside,
+        beside_start=beside_start, smooth=smooth, smooth_start=smooth_start, of_vertex=of_vertex, of_tri=of_tri,
+        of_edge=of_edge, at_edge=_inverse(owned, len(edge)), edge_beside=edge_beside, rim=rim,
+        **zeros(
+            _GEOMETRY, m=m, groups=-(-m // LANES), corners=len(corner), edge_rows=len(owned),
+            vertex_rows=len(vertex), hits=m + LANES,
+        ),
+    )  # fmt: skip
+    made.box[:, :3] = made.edge_geo[:, :3] = made.vertex_geo[:, :3] = FAR
+    made.edge_geo[:, 3:7] = made.edge_geo[:, 12] = 1.0
+    made.bent[:] = made.ridge[:] = rim
+    made.ridge_edge[:] = -1
+    return made
 
 
 def _with_corners(owned: NDArray[np.int32], corners: NDArray[np.integer]) -> NDArray[np.int32]:

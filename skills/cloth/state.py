@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from foldcell.robots.ports import Array
-from foldcell.skills.cloth.clusters import Clusters
 from foldcell.skills.cloth.crease_set import MODES, CreaseLaw
 from foldcell.skills.cloth.elasticity import BendingFriction
 from foldcell.skills.cloth.simd.aligned_arrays import LINE_BYTES, Table, named_arrays, zeros
@@ -63,7 +62,7 @@ class Body(NamedTuple):
     ring_start: NDArray[np.int32]
     ring: NDArray[np.int32]
     ring_edge: NDArray[np.int32]
-    clusters: Clusters
+    clusters: Any
 
 
 class SolverParameters(NamedTuple):
@@ -265,7 +264,7 @@ slips out of the pinch [N]. points: (2,) number of held points.
 
 
 def new_state(
-    n: int, edges: int, bounds: int, hinges: int, friction_hinges: int, clusters: Clusters, set_hinges: int = 0
+    n: int, edges: int, bounds: int, hinges: int, friction_hinges: int, clusters: Any, set_hinges: int = 0
 ) -> Any:
     """Make the `State` of n vertices, all awake; the positions are not yet set. bounds: length of batch_start.
     friction_hinges: number of hinges with bending friction, either 0 or all hinges. set_hinges: number of hinges

@@ -6,7 +6,7 @@ An optimiser simulates one mesh hundreds of times, so all of this is built once 
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +38,7 @@ class Topology(NamedTuple):
     ring_edge: NDArray[np.int32]
     batch_order: NDArray[np.int64]
     batch_start: NDArray[np.int64]
-    clusters: Clusters
+    clusters: Any
 
 
 def topology_of(mesh: ClothMesh) -> Topology:

@@ -7,7 +7,7 @@ line, every register or every second register spans two lines, and reading it ta
 from __future__ import annotations
 
 from collections import namedtuple
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -36,10 +36,10 @@ def aligned(a: NDArray[Any]) -> NDArray[Any]:
     return made
 
 
-def named_arrays(name: str, table: Table, module: str) -> Any:
-    """Return the named tuple `name` of the arrays of a table. It is a variable of this name in the
+def named_arrays(name: str, arrays: Iterable[str], module: str) -> Any:
+    """Return the named tuple `name` of arrays with these names. It has to be a variable of this name in the
     module, where numba finds it."""
-    return namedtuple(name, list(table), module=module)
+    return namedtuple(name, list(arrays), module=module)
 
 
 def zeros(table: Table, **sizes: int) -> dict[str, NDArray[Any]]:
