@@ -9,15 +9,13 @@ no such freedom. Forward kinematics agrees with Pinocchio to 1e-12 (tested).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from foldcell.robots.model import ArmChain, RobotModel
 from foldcell.robots.ports import Array, Side
 from foldcell.skills.compiled import cached
 
-__all__ = ["PathSolution", "arm_seeds", "follow_path", "solve_pose", "solve_seeds", "tool_pose"]
+__all__ = ["arm_seeds", "follow_path", "solve_pose", "solve_seeds", "tool_pose"]
 
 MAX_ITERATIONS = 60
 STEP_LIMIT = 0.4
@@ -253,14 +251,6 @@ def _follow(rotation, translation, R_path, p_path, q0, lower, upper, max_step, o
     return p_path.shape[0]
 
 
-@dataclass(frozen=True, eq=False)
-class PathSolution:
-    """Joints along a path of n tool poses. q: (m, arm), of the first m poses. complete: whether m = n."""
-
-    q: Array
-    complete: bool
-
-
 def tool_pose(chain: ArmChain, q: Array) -> Array:
     """Compute T_base_tool (4, 4) of one arm at q (arm,)."""
     T, n = np.eye(4), len(q)
@@ -319,9 +309,9 @@ def follow_path(
     *,
     max_step: float = 0.35,
     margin: float = 0.01,
-) -> PathSolution:
+) -> Array:
     """Find joints along tool poses: rotation (n, 3, 3), position (n, 3) in the base frame, starting near q0
-    (arm,).
+    (arm,). Returns the joints (m, arm) at the first m poses: at all of them if m = n.
 
     Stops at the first pose that is out of reach, or that needs a joint step above max_step [rad] (a jump to
     another solution). Joints stay `margin` [rad] inside the planning position limits, because the spline through
@@ -336,4 +326,4 @@ def follow_path(
         chain.rotation, chain.translation, np.ascontiguousarray(rotation), np.ascontiguousarray(position),
         start, lower, upper, max_step, out,
     )  # fmt: skip
-    return PathSolution(out[:m], m == position.shape[0])
+    return out[:m]

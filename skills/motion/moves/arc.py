@@ -13,7 +13,7 @@ from foldcell.robots.model import JointLimits, RobotModel
 from foldcell.robots.ports import ArmTrajectory, Array, Side, frozen
 from foldcell.skills.motion.kinematics import ik
 from foldcell.skills.motion.kinematics.posture import Posture, angles_of, blended, in_base
-from foldcell.skills.motion.moves.retreat import plan_retreat
+from foldcell.skills.motion.moves.retreat import Retreat, plan_retreat
 from foldcell.skills.motion.timing.inputs import TimingError
 from foldcell.skills.motion.timing.timing import time_law
 from foldcell.skills.motion.validation.collision import CollisionChecker
@@ -29,13 +29,11 @@ SAMPLE_TIME = 0.04
 
 
 @dataclass(frozen=True, eq=False)
-class ArcMotion:
-    """Motion after the grasp. fold: from the (lifted) grasps to the release. retreat: up. park: to the parked
-    pose. tool_paths: the tools' motion during `fold`, by arm, table frame."""
+class ArcMotion(Retreat):
+    """Motion after the grasp. fold: from the (lifted) grasps to the release, then the retreat. tool_paths: the
+    tools' motion during `fold`, by arm, table frame."""
 
     fold: ArmTrajectory
-    retreat: ArmTrajectory
-    park: ArmTrajectory
     tool_paths: Mapping[Side, ToolPath]
 
 
@@ -67,10 +65,10 @@ def plan_arc(
     for side, posture in postures.items():
         path = paths[posture.path].at(times)
         rotation, position = _tool_poses_from_actual(model, table, side, posture, path, q_grasp)
-        solution = ik.follow_path(model, side, rotation, position, q_grasp[model.arm(side)])
-        if not solution.complete:
-            return Outcome(failure=out_of_reach(table, side, "the arc", position[len(solution.q)]))
-        q[:, model.arm(side)] = solution.q
+        found = ik.follow_path(model, side, rotation, position, q_grasp[model.arm(side)])
+        if len(found) < len(position):
+            return Outcome(failure=out_of_reach(table, side, "the arc", position[len(found)]))
+        q[:, model.arm(side)] = found
     try:
         fold = time_law(q, times * _speed_stretch(paths, times, tool_speed), limits)
     except TimingError as e:
@@ -78,11 +76,11 @@ def plan_arc(
     checked = check_trajectory(model, checker, fold, q_grasp, limits, allow_fingertips=True)
     if checked.failure:
         return Outcome(failure=checked.failure)
-    retreat_plan = plan_retreat(model, checker, fold.q[-1], tuple(postures), limits=limits, rng=rng)
-    if retreat_plan.failure:
-        return Outcome(failure=retreat_plan.failure)
+    retreat = plan_retreat(model, checker, fold.q[-1], tuple(postures), limits=limits, rng=rng)
+    if retreat.failure:
+        return Outcome(failure=retreat.failure)
     executed = {side: _resulting_path(model, table, side, fold) for side in postures}
-    return Outcome(ArcMotion(fold, retreat_plan.unwrap().retreat, retreat_plan.unwrap().park, executed))
+    return Outcome(ArcMotion(**vars(retreat.unwrap()), fold=fold, tool_paths=executed))
 
 
 def intended_duration(paths: Mapping[GraspId, ToolPath], tool_speed: float | None) -> float:

@@ -138,11 +138,11 @@ def _plan_descent(
     q0 = ik.solve_pose(model, side, start, seed, gain=0.0)
     if q0 is None:
         return Outcome(failure=out_of_reach(table, side, "the point above the grasp", position[0]))
-    solution = ik.follow_path(model, side, rotation, position, q0)
-    reached = len(solution.q)
+    q = ik.follow_path(model, side, rotation, position, q0)
+    reached = len(q)
     if reached < len(to_grasp):
         return Outcome(failure=out_of_reach(table, side, "the descent", position[reached]))
-    return Outcome(Descent(frozen(solution.q), frozen(depth[:reached]), above))
+    return Outcome(Descent(frozen(q), frozen(depth[:reached]), above))
 
 
 def _simultaneous_descents(q_above: Array, descend: Mapping[Side, Descent]) -> Array:

@@ -54,10 +54,10 @@ def plan_lift(
         T = ik.tool_pose(model.chains[side], q_now[joints])
         position = np.tile(T[:3, 3], (n + 1, 1))
         position[:, 2] += rise
-        solution = ik.follow_path(model, side, np.tile(T[:3, :3], (n + 1, 1, 1)), position, q_now[joints])
-        if not solution.complete:
-            return Outcome(failure=_unreachable_height(side, height, float(rise[max(len(solution.q) - 1, 0)])))
-        q[:, joints] = solution.q
+        found = ik.follow_path(model, side, np.tile(T[:3, :3], (n + 1, 1, 1)), position, q_now[joints])
+        if len(found) <= n:
+            return Outcome(failure=_unreachable_height(side, height, float(rise[max(len(found) - 1, 0)])))
+        q[:, joints] = found
     if np.abs(q - q_now).max() < 1e-9:
         return Outcome(hold(q_now))
     try:

@@ -284,15 +284,15 @@ def _joint_paths(
     if len(starts) == 0 and arm not in tally.where:
         tally.where[arm] = path.position[0]
     for start in starts:
-        solution = ik.follow_path(model, arm, rotation, position, start, max_step=0.6, margin=SEARCH_MARGIN)
-        if solution.complete:
+        q = ik.follow_path(model, arm, rotation, position, start, max_step=0.6, margin=SEARCH_MARGIN)
+        if len(q) == len(position):
             tally.complete[arm] += 1
-            joint_paths.append(solution.q)
-        elif len(solution.q) / len(position) > tally.reached.get(arm, -1.0):
-            tally.reached[arm] = len(solution.q) / len(position)
-            tally.where[arm] = path.position[len(solution.q)]
-            if len(solution.q):
-                tally.limit[arm][_nearest_limit(model, arm, solution.q[-1])] += 1
+            joint_paths.append(q)
+        elif len(q) / len(position) > tally.reached.get(arm, -1.0):
+            tally.reached[arm] = len(q) / len(position)
+            tally.where[arm] = path.position[len(q)]
+            if len(q):
+                tally.limit[arm][_nearest_limit(model, arm, q[-1])] += 1
     return joint_paths
 
 

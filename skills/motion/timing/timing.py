@@ -121,10 +121,8 @@ def hold(q: Array) -> ArmTrajectory:
 def join(parts: Sequence[ArmTrajectory]) -> ArmTrajectory:
     """Concatenate trajectories. Each must start at the position and velocity at which the one before ends.
 
-    Raises InternalError when they do not meet, or there are none.
+    Raises InternalError when they do not meet.
     """
-    if not parts:
-        raise InternalError("no trajectories to join")
     t, q, qd, qdd = [parts[0].t], [parts[0].q], [parts[0].qd], [parts[0].qdd]
     for before, after in pairwise(parts):
         gap = max(np.abs(before.q[-1] - after.q[0]).max(), np.abs(before.qd[-1] - after.qd[0]).max())

@@ -65,8 +65,8 @@ def test_a_straight_path_of_the_tool_is_followed(model: RobotModel) -> None:
     T = ik.tool_pose(chain, q0)
     position = T[:3, 3] + np.linspace(0.0, 0.1, 21)[:, None] * np.array([0.0, 0.0, -1.0])
     solution = ik.follow_path(model, Side.LEFT, np.tile(T[:3, :3], (21, 1, 1)), position, q0)
-    assert solution.complete and solution.q.shape == (21, 6)
-    for q, p in zip(solution.q, position, strict=True):
+    assert solution.shape == (21, 6)
+    for q, p in zip(solution, position, strict=True):
         assert ik.tool_pose(chain, q)[:3, 3] == pytest.approx(p, abs=1e-8)
 
 
