@@ -38,7 +38,7 @@ def aligned(a: NDArray[Any]) -> NDArray[Any]:
 
 def named_arrays(name: str, arrays: Iterable[str], module: str) -> Any:
     """Return the named tuple `name` of arrays with these names. It has to be a variable of this name in the
-    module, where numba finds it."""
+    module, where the compiler finds it."""
     return namedtuple(name, list(arrays), module=module)
 
 
