@@ -30,7 +30,6 @@ __all__ = [
     "Reach",
     "RecordTactile",
     "Sight",
-    "TactileRecording",
     "Touch",
     "TouchReadings",
     "bring",
@@ -95,16 +94,10 @@ class TouchReadings:
 
 @dataclass(frozen=True)
 class RecordTactile:
-    """Record the tactile cells of both unloaded hands for `seconds` [s]."""
+    """Record the tactile cells of both unloaded hands for `seconds` [s]: the readings of each hand in order of
+    time."""
 
     seconds: float
-
-
-@dataclass(frozen=True, eq=False)
-class TactileRecording:
-    """All tactile readings of each hand in order of time."""
-
-    readings: Mapping[Side, tuple[TactileReading, ...]]
 
 
 @dataclass(frozen=True)
@@ -157,7 +150,7 @@ def touch(side: Side, x: float, y: float) -> Procedure[TouchReadings]:
     return (yield Touch(side, x, y))
 
 
-def listen(seconds: float) -> Request[TactileRecording]:
+def listen(seconds: float) -> Request[Mapping[Side, tuple[TactileReading, ...]]]:
     return (yield RecordTactile(seconds)).unwrap()
 
 

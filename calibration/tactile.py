@@ -96,7 +96,7 @@ def calibrate_tactile(table: Table) -> Procedure[TactileCalibration]:
     yield from note(f"recording the open hands for {SECONDS:.0f} s")
     heard = yield from listen(SECONDS)
     figures: dict[Side, FingerFigures] = {}
-    for side, readings in heard.readings.items():
+    for side, readings in heard.items():
         found = finger_figures(side, readings)
         if found.failure:
             return Outcome(failure=found.failure)
@@ -115,7 +115,7 @@ def calibrate_tactile(table: Table) -> Procedure[TactileCalibration]:
         if detected.failure:
             return Outcome(failure=detected.failure)
         stiffness[side], noticed[side] = detected.unwrap()
-    counts = [false_contacts(r, contact) for r in heard.readings.values()]
+    counts = [false_contacts(r, contact) for r in heard.values()]
     false, zeros = (sum(c) for c in zip(*counts, strict=True))
     if zeros == 0:
         what = f"the hands sent less than {HORIZON:.0f} s of data: false contacts could not be counted"

@@ -19,7 +19,6 @@ from foldcell.calibration.effects import (
     Reach,
     RecordTactile,
     Sight,
-    TactileRecording,
     Touch,
 )
 from foldcell.cell.calibrating.reach import reach, settled_joints, with_board
@@ -120,7 +119,7 @@ class ProcedureRunner:
         shot = capture(self._cell)
         return Outcome(failure=shot.failure) if shot.failure else Outcome(Sight(shot.unwrap(), q.unwrap()))
 
-    def _listen(self, effect: RecordTactile) -> Outcome[TactileRecording]:
+    def _listen(self, effect: RecordTactile) -> Outcome[Mapping[Side, tuple[TactileReading, ...]]]:
         cell = self._cell
         readings: dict[Side, list[TactileReading]] = {side: [] for side in Side}
 
@@ -134,7 +133,7 @@ class ProcedureRunner:
         failure = wait(cell.loop, max(effect.seconds, TICK_S), gather)
         if failure:
             return Outcome(failure=failure)
-        return Outcome(TactileRecording({side: tuple(recorded) for side, recorded in readings.items()}))
+        return Outcome({side: tuple(recorded) for side, recorded in readings.items()})
 
     def _grip(self, effect: Grip) -> Outcome[bool]:
         cell = self._cell

@@ -75,7 +75,7 @@ def turned_over(
         eased = share * share * (3.0 - 2.0 * share)
         v[guided] = (path.at(eased) - x[guided]) / settings.frame
         if eased < ESCORTED:
-            v[turns_with] = (escort.rigid(eased) - x[turns_with]) / settings.frame
+            v[turns_with] = (escort.about(np.pi * eased) - x[turns_with]) / settings.frame
         simulation.set_positions(x, v)
         simulation.advance()
     return _untangled(mesh, material, simulation.positions, guided, settings, go_on)
@@ -134,18 +134,14 @@ class _Page:
         self._before, self._turned, self._normal = before, turned[:, None], line.normal
         self._out = line.signed_distance(before[:, :2])
         self._axis = 0.5 * (ideal[:, 2] + goal[:, 2])
-        self._left = goal - np.where(self._turned, self._about(np.pi), before)
+        self._left = goal - np.where(self._turned, self.about(np.pi), before)
 
     def at(self, share: float) -> Array:
         """Return the positions (g, 3) at a share (0..1) of the turn. The initial deviation from the ideal shape is
         removed gradually."""
-        return np.where(self._turned, self._about(np.pi * share), self._before) + share * self._left
+        return np.where(self._turned, self.about(np.pi * share), self._before) + share * self._left
 
-    def rigid(self, share: float) -> Array:
-        """Return the positions (g, 3) at a share (0..1) of the turn, without removing the deviation."""
-        return self._about(np.pi * share)
-
-    def _about(self, angle: float) -> Array:
+    def about(self, angle: float) -> Array:
         """Turn all points by `angle` [rad] about the line: (g, 3). The height of a point's axis is midway between
         the heights of its layer before and after the fold."""
         up = self._before[:, 2] - self._axis

@@ -215,17 +215,12 @@ class ClothPredictor:
     """The cell's cloth simulation at its default settings, as an object that can be sent to another process.
     pads: of the hands; None: the default pads."""
 
-    release_s: float = 0.3
-    settle_s: float = 1.0
     pads: PadGeometry | None = None
 
     def __call__(
         self, mesh: ClothMesh, positions: Array, material: Material, paths: Mapping[GraspId, ToolPath], /
     ) -> Array:
-        prediction = predict_fold(
-            mesh, positions, material, paths, release_s=self.release_s, settle_s=self.settle_s, pads=self.pads
-        )
-        return prediction.vertices
+        return predict_fold(mesh, positions, material, paths, pads=self.pads).vertices
 
 
 def _looked_up(evaluator: Evaluator, kept: Candidate) -> Outcome[GraspTrajectory]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from foldcell.calibration.effects import RecordTactile, TactileRecording, Touch
+from foldcell.calibration.effects import RecordTactile, Touch
 from foldcell.calibration.tactile import (
     FingerFigures,
     calibrate_tactile,
@@ -106,7 +106,7 @@ def test_cells_that_no_threshold_helps_are_refused(bad: FingerFigures) -> None:
 
 
 def test_the_procedure_listens_then_presses_with_each_hand() -> None:
-    heard = Outcome(TactileRecording({side: tuple(readings(seed)) for seed, side in enumerate(Side)}))
+    heard = Outcome({side: tuple(readings(seed)) for seed, side in enumerate(Side)})
     answers = {RecordTactile: lambda _: heard, Touch: lambda e: Outcome(press(-0.1, 0.042, side=e.side))}
     outcome, asked = run(calibrate_tactile(TABLE), answers)
     c = outcome.unwrap()
@@ -118,14 +118,14 @@ def test_the_procedure_listens_then_presses_with_each_hand() -> None:
 
 
 def test_a_hand_that_feels_the_table_late_is_refused() -> None:
-    heard = Outcome(TactileRecording({side: tuple(readings(seed, tip=0.09)) for seed, side in enumerate(Side)}))
+    heard = Outcome({side: tuple(readings(seed, tip=0.09)) for seed, side in enumerate(Side)})
     answers = {RecordTactile: lambda _: heard, Touch: lambda e: Outcome(press(-0.1))}
     outcome, _ = run(calibrate_tactile(TABLE), answers)
     assert outcome.failure and outcome.failure.kind is FailureKind.LOW_CONFIDENCE and "mm" in outcome.failure.what
 
 
 def test_a_threshold_above_the_press_force_is_reported() -> None:
-    heard = Outcome(TactileRecording({side: tuple(readings(seed, tip=0.17)) for seed, side in enumerate(Side)}))
+    heard = Outcome({side: tuple(readings(seed, tip=0.17)) for seed, side in enumerate(Side)})
     answers = {RecordTactile: lambda _: heard, Touch: lambda e: Outcome(press(-0.1))}
     refused = run(calibrate_tactile(TABLE), answers)[0].failure
     assert refused and refused.kind is FailureKind.LOW_CONFIDENCE
@@ -144,7 +144,7 @@ def test_false_contacts_are_counted_over_the_horizon_after_a_late_first_reading(
 def test_readings_shorter_than_the_horizon_report_zero_windows(monkeypatch: pytest.MonkeyPatch) -> None:
     """Zero windows are reported, because 0 of 0 would look as good as 0 of 12."""
     monkeypatch.setattr("foldcell.calibration.tactile.false_contacts", lambda *_: (0, 0))
-    heard = Outcome(TactileRecording({side: tuple(readings(seed)) for seed, side in enumerate(Side)}))
+    heard = Outcome({side: tuple(readings(seed)) for seed, side in enumerate(Side)})
     answers = {RecordTactile: lambda _: heard, Touch: lambda e: Outcome(press(-0.1, side=e.side))}
     refused = run(calibrate_tactile(TABLE), answers)[0].failure
     assert refused and refused.kind is FailureKind.LOW_CONFIDENCE and "could not be counted" in refused.what
