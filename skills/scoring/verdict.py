@@ -132,18 +132,6 @@ class Score:
     def iou(self) -> float:
         return self.figures["iou"].value
 
-    @property
-    def height_m(self) -> float:
-        return self.figures["height_m"].value
-
-    @property
-    def drift_m(self) -> float:
-        return self.figures["drift_m"].value
-
-    @property
-    def drift_rad(self) -> float:
-        return self.figures["drift_rad"].value
-
     def to_json(self) -> dict[str, Any]:
         """Plain values: the verdicts `passed`, `shape` and `flat`, each figure, `limits` with the limit of each
         judged figure, the heights of the ideal fold, its validity (`ideal`), and `layers`."""

@@ -107,7 +107,7 @@ def test_the_exact_isometry_scores_perfectly(lines: tuple[FoldLine, ...]) -> Non
     assert result.passed and result.layers == 2 ** len(lines)
     assert result.iou == 1.0
     assert max(result.figures[f].value for f in ("correspondence_m", "edges_m", "drift_m", "drift_rad")) < 1e-9
-    assert result.height_m == pytest.approx((2 ** len(lines) - 1) * THICKNESS, abs=1e-12)
+    assert result.figures["height_m"].value == pytest.approx((2 ** len(lines) - 1) * THICKNESS, abs=1e-12)
 
 
 @pytest.mark.parametrize("lines", [(HALF,), (HALF, QUARTER)])
@@ -141,7 +141,9 @@ def test_the_ideal_shape_still_passes_when_it_has_settled_for_a_second(lines: tu
     result = score(final)
     assert result.passed, result.to_json()
     assert result.iou > 0.92 and result.figures["correspondence_m"].value < 0.010
-    assert result.height_m > len(lines) * material.thickness, "the cloth has settled and is not perfectly flat"
+    assert result.figures["height_m"].value > len(lines) * material.thickness, (
+        "the cloth has settled and is not perfectly flat"
+    )
 
 
 @pytest.mark.parametrize(("name", "limit"), [("height_m", 0.023), ("crease_height_m", 0.030)])
@@ -273,9 +275,11 @@ def test_a_rigid_motion_changes_only_the_drift(x: float, y: float, angle: float)
     result = score(FinalGarment(moved, triangles, whole.material, whole.lines, whole.thickness, whole.edge_pairs))
     for name in ("iou", "correspondence_m", "edges_m", "height_m"):
         assert result.figures[name].value == pytest.approx(still.figures[name].value, abs=1e-9), name
-    assert result.drift_m <= still.drift_m + math.hypot(x, y) + 1e-9
-    assert result.drift_m >= math.hypot(x, y) - still.drift_m - 0.001
-    assert result.drift_rad == pytest.approx(abs(angle), abs=still.drift_rad + 1e-9)
+    assert result.figures["drift_m"].value <= still.figures["drift_m"].value + math.hypot(x, y) + 1e-9
+    assert result.figures["drift_m"].value >= math.hypot(x, y) - still.figures["drift_m"].value - 0.001
+    assert result.figures["drift_rad"].value == pytest.approx(
+        abs(angle), abs=still.figures["drift_rad"].value + 1e-9
+    )
 
 
 @settings(max_examples=15)

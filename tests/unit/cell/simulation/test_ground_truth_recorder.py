@@ -39,4 +39,4 @@ def test_a_user_garment_is_scored_by_its_own_plan(tmp_path: Path, name: str) -> 
     request: Any = SimpleNamespace(garment=str(path), settings=SimpleNamespace(surface="bare_table"))
     score = GroundTruthRecorder(truth, Recorder.silent(), request).score()
     assert score is not None and score.passed and score.layers == 2
-    assert np.isclose(score.drift_m, 0.0, atol=1e-3)
+    assert np.isclose(score.figures["drift_m"].value, 0.0, atol=1e-3)
