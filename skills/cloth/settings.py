@@ -15,8 +15,9 @@ from foldcell.skills.vocabulary import Material
 
 __all__ = ["SolverSettings", "check_cloth", "choose_substeps"]
 
-STRETCH_TOLERANCE = 1e-3  # default of stretch_tolerance, as a fraction of the length
-ESTIMATE_SHARE = 0.3  # largest accepted estimate of the stretch error, as a share of stretch_tolerance
+# Largest accepted estimate of the stretch error, as a fraction of the length. The error itself is then below 0.1
+# percentage points.
+MOST_ESTIMATE = 3e-4
 MOST_RESIDUAL = 1000.0  # [1/m] largest residual_curvature
 CREASE_TIME = 1.0  # [s] default of crease_time (assumed; range 0.3 to 3 s)
 CREASE_TIMES = (0.01, 100.0)  # [s] accepted values
@@ -28,10 +29,9 @@ class SolverSettings:
     """Solver settings, and the properties of a fabric that a lab does not measure.
 
     frame_rate [1/s] times substeps is the number of steps per second. If substeps is None, the solver uses the
-    fewest substeps with which the stretch is accurate to stretch_tolerance (a fraction of the length, default
-    0.001, that is 0.1 percentage points), and raises ConfigurationError if too many would be needed. A given
-    number of substeps is used unchanged; it is refused only if a stretch_tolerance is given too and is not met
-    with these substeps. gravity [m/s2]: to simulate a tilted table, tilt this vector (the table stays at z = 0).
+    fewest substeps with which the stretch is accurate (MOST_ESTIMATE), and raises ConfigurationError if too many
+    would be needed. A given number of substeps is used unchanged. gravity [m/s2]: to simulate a tilted table, tilt
+    this vector (the table stays at z = 0).
 
     stretch_damping, bend_damping: Rayleigh times [s], damping force = time x stiffness x rate (bending damping is
     reduced on meshes so fine that it would be unstable). drag [1/s] of the air. max_speed [m/s] caps every vertex.
@@ -52,7 +52,6 @@ class SolverSettings:
 
     frame_rate: int = 60
     substeps: int | None = None
-    stretch_tolerance: float | None = None
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     stretch_damping: float = 0.002
     bend_damping: float = 0.014
@@ -117,27 +116,22 @@ def _expect(name: str, value: float, low: float, high: float, why: str = "") -> 
 
 def choose_substeps(mesh: ClothMesh, material: Material, settings: SolverSettings) -> int:
     """Return the number of substeps per frame (see SolverSettings)."""
+    if settings.substeps is not None:
+        return settings.substeps
 
     def error(n: int) -> float:
         return stretch_excess(mesh, material, settings.frame / n, settings.anisotropy)
 
-    tolerance = settings.stretch_tolerance if settings.stretch_tolerance is not None else STRETCH_TOLERANCE
-    if not tolerance > 0.0:
-        raise ConfigurationError("stretch_tolerance must be positive", "", stretch_tolerance=tolerance)
-    n = settings.substeps
-    if n is not None and (settings.stretch_tolerance is None or error(n) <= ESTIMATE_SHARE * tolerance):
-        return n
     needed = LEAST_SUBSTEPS
-    while error(needed) > ESTIMATE_SHARE * tolerance and needed < 1000:
+    while error(needed) > MOST_ESTIMATE and needed < 1000:
         needed += PHASE
-    if n is None and needed <= MOST_SUBSTEPS:
+    if needed <= MOST_SUBSTEPS:
         return needed
     raise ConfigurationError(
-        f"{n or MOST_SUBSTEPS} substeps a frame cannot hold the stretch to the tolerance that was asked for",
-        f"{needed} substeps, a longer edge, a greater stretch_tolerance or a softer cloth",
+        f"{MOST_SUBSTEPS} substeps a frame cannot hold the stretch of this cloth",
+        f"{needed} substeps, a longer edge or a softer cloth",
         stretch_fraction=material.stretch_fraction,
-        stretch_tolerance=tolerance,
-        stretch_error=error(n or MOST_SUBSTEPS),
+        stretch_error=error(MOST_SUBSTEPS),
         needed_substeps=needed,
         edge_length=float(np.median(mesh.edge_length)),
     )

@@ -331,7 +331,7 @@ class ClothSimulation:
         """Return a simulation of the same cloth with other substeps, in the given state."""
         other = self._finer.get((substeps, self.pads))
         if other is None:
-            settings = replace(self.settings, substeps=substeps, stretch_tolerance=None)
+            settings = replace(self.settings, substeps=substeps)
             other = self._finer[substeps, self.pads] = ClothSimulation(
                 self.mesh, self.material, settings=settings, table=bool(self._solver_parameters.table),
                 pads=self.pads, fixed=self._body.w == 0.0,
