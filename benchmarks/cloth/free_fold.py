@@ -42,8 +42,8 @@ TURNS = (0.07, 0.3, 0.7)
 """Turns of the mesh's grid [rad]. At 0.3, its rows are nearly parallel to the first crease."""
 COARSEST = 0.0265
 MOST_EXCESS = 1.5e-3
-"""Largest estimated error of the stretch, as a fraction of the length. It is larger than the cell's, because some of
-these meshes are finer."""
+"""Largest estimated error of the stretch, as a fraction of the length. It is larger than the cell's, because some
+of these meshes are finer."""
 BESIDE = 0.040
 """Heights are measured up to this distance from a crease [m]."""
 

@@ -15,8 +15,8 @@ from foldcell.skills.vocabulary import Material
 
 __all__ = ["SolverSettings", "check_cloth", "choose_substeps"]
 
-# Largest accepted estimate of the stretch error, as a fraction of the length. The error itself is then below 0.1
-# percentage points.
+# Largest accepted estimate of the stretch error, as a fraction of the length. The error itself is then below
+# 0.1 percentage points.
 MOST_ESTIMATE = 3e-4
 MOST_RESIDUAL = 1000.0  # [1/m] largest residual_curvature
 CREASE_TIME = 1.0  # [s] default of crease_time (assumed; range 0.3 to 3 s)
