@@ -23,7 +23,7 @@ class Wire:
     def subscribe(self, topic: str, kind: Any, heard: Callable[[Any], None], queue: int = 1) -> None:
         self.heard = heard
 
-    def tell(self, message: Any) -> None:
+    def publish(self, message: Any) -> None:
         self.told.append(message)
         self.count += 1
 
