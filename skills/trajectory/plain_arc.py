@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from foldcell.skills.garments.garment import Garment
-from foldcell.skills.trajectory.arcs.bezier import arc_controls
 from foldcell.skills.trajectory.arcs.frame import frames_of
 from foldcell.skills.trajectory.arcs.paths import fold_duration, tool_paths
-from foldcell.skills.trajectory.search.optimise import PLAIN_H
-from foldcell.skills.trajectory.search.problem import MAX_HEIGHT
+from foldcell.skills.trajectory.search.optimise import PLAIN_H, arcs_of
 from foldcell.skills.vocabulary import FoldStep, GraspId, GraspTrajectory, ToolPath
 
 __all__ = ["plain_paths", "plain_trajectory"]
@@ -16,9 +14,7 @@ __all__ = ["plain_paths", "plain_trajectory"]
 def plain_trajectory(step: FoldStep, garment: Garment, max_speed: float) -> GraspTrajectory:
     """Compute the optimiser's plain arc (PLAIN_H, lower for a long fold) of each grasp. max_speed: of the tools
     [m/s]. The dissimilarity of the trajectory is not known."""
-    frames = frames_of(step, garment.material.thickness)
-    height = min(PLAIN_H, MAX_HEIGHT / (0.75 * max(f.distance for f in frames.values())))
-    controls = {i: arc_controls(f.start, f.end, height, 0.0) for i, f in frames.items()}
+    controls = arcs_of(frames_of(step, garment.material.thickness), PLAIN_H)
     return GraspTrajectory(controls, fold_duration(controls, max_speed), "plain", 0.0, 0.0)
 
 

@@ -13,7 +13,8 @@ from foldcell.skills.cloth.mesh import ClothMesh
 from foldcell.skills.cloth.pinch import PadGeometry
 from foldcell.skills.cloth.predict import predict_fold
 from foldcell.skills.trajectory.arcs.bezier import PAPER_H, arc_controls
-from foldcell.skills.trajectory.arcs.paths import LIFT_HEIGHT, tool_paths
+from foldcell.skills.trajectory.arcs.frame import FoldFrame
+from foldcell.skills.trajectory.arcs.paths import LIFT_HEIGHT
 from foldcell.skills.trajectory.search.acceptance import (
     NEARLY,
     acceptance_limit,
@@ -42,7 +43,7 @@ from foldcell.skills.vocabulary import (
     ToolPath,
 )
 
-__all__ = ["METHODS", "ClothPredictor", "optimise_fold", "tool_paths"]
+__all__ = ["METHODS", "PLAIN_H", "ClothPredictor", "arcs_of", "optimise_fold"]
 
 Progress = Callable[[int, int, float], None]
 """Function called after each simulation with: simulations done, budget, best D so far [m]."""
@@ -186,7 +187,7 @@ def optimise_fold(
             if looked_up.dissimilarity <= acceptance_limit(mesh.rest, promised):
                 if promised_initial is None or looked_up.dissimilarity <= promised + NEARLY:
                     return _looked_up(evaluator, looked_up)
-                evaluator.first = evaluator.one(_initial(problem))
+                evaluator.first = evaluator.one(arcs_of(problem.frames, PAPER_H))
                 here = looked_up.dissimilarity, evaluator.first.dissimilarity
                 if gains_as_promised(*here, promised, promised_initial):
                     return _looked_up(evaluator, looked_up)
@@ -201,10 +202,10 @@ def optimise_fold(
 def _begin(problem: FoldProblem, evaluator: Evaluator, warm: Controls | None, *, plain: bool) -> None:
     """Simulate in parallel, within the budget: the first guess (unless it was simulated before), the warm start
     (if any) and the plain arc (if `plain` is set)."""
-    arcs = [_initial(problem)] if evaluator.first is None else []
+    arcs = [arcs_of(problem.frames, PAPER_H)] if evaluator.first is None else []
     least = len(arcs)
     arcs += [] if warm is None else [warm]
-    arcs += [_two_parameter(problem, PLAIN_H, 0.0)] if plain else []
+    arcs += [arcs_of(problem.frames, PLAIN_H)] if plain else []
     candidates = evaluator.many(arcs[: max(least, evaluator.left)])
     if plain and len(candidates) == len(arcs):
         evaluator.plain = candidates[-1]
@@ -260,21 +261,18 @@ def _outcome(problem: FoldProblem, evaluator: Evaluator, method: str) -> Outcome
     return Outcome(trajectory, notes=notes)
 
 
-def _initial(problem: FoldProblem) -> Controls:
-    return {s: arc_controls(f.start, f.end, _capped(problem, PAPER_H)) for s, f in problem.frames.items()}
-
-
-def _capped(problem: FoldProblem, height: float) -> float:
+def _capped(frames: Mapping[GraspId, FoldFrame], height: float) -> float:
     """Return `height` of both inner control points, as a fraction of the fold's distance. It is reduced if the arc
     would rise above MAX_HEIGHT. The top of the arc lies at 3/4 of the inner points' height."""
-    distance = max(f.distance for f in problem.frames.values())
-    return min(height, MAX_HEIGHT / (0.75 * distance))
+    return min(height, MAX_HEIGHT / (0.75 * max(f.distance for f in frames.values())))
 
 
-def _two_parameter(problem: FoldProblem, height: float, skew: float) -> Controls:
-    height = _capped(problem, float(np.clip(height, LOWEST, HIGHEST)))
+def arcs_of(frames: Mapping[GraspId, FoldFrame], height: float, skew: float = 0.0) -> Controls:
+    """Return the arc of each grasp with a height and a skew of its inner control points, in units of the fold's
+    distance. Both are limited, and the height is reduced for a long fold."""
+    height = _capped(frames, float(np.clip(height, LOWEST, HIGHEST)))
     skew = float(np.clip(skew, -0.4, 0.4))
-    return {s: arc_controls(f.start, f.end, height, skew) for s, f in problem.frames.items()}
+    return {s: arc_controls(f.start, f.end, height, skew) for s, f in frames.items()}
 
 
 def _search_initial(problem: FoldProblem, evaluator: Evaluator) -> None:
@@ -285,14 +283,14 @@ def _search_grid(problem: FoldProblem, evaluator: Evaluator) -> tuple[float, flo
     """Simulate the points of the grid except the first one, the initial arc. Returns the best height and skew."""
     points = [(h, s) for h in HEIGHTS for s in SKEWS][1 : evaluator.left + 1]
     assert evaluator.first is not None
-    candidates = evaluator.many([_two_parameter(problem, *p) for p in points])
+    candidates = evaluator.many([arcs_of(problem.frames, *p) for p in points])
     costs = [evaluator.first.cost, *(c.cost for c in candidates)]
     return [(PAPER_H, 0.0), *points][int(np.argmin(costs))]
 
 
 def _search_two_parameter(problem: FoldProblem, evaluator: Evaluator) -> None:
     best = _search_grid(problem, evaluator)
-    _polish(problem, evaluator, np.array(best), lambda x: _two_parameter(problem, x[0], x[1]))
+    _polish(problem, evaluator, np.array(best), lambda x: arcs_of(problem.frames, x[0], x[1]))
 
 
 def _search_default(problem: FoldProblem, evaluator: Evaluator) -> None:
@@ -344,7 +342,7 @@ def _shared(problem: FoldProblem, x: Array) -> Controls:
     early = np.arange(len(way)) < len(way) / 2
     way = np.where(early, np.clip(way, BACK, OVERLAP), np.clip(way, 1 - OVERLAP, BEYOND))
     height = np.clip(height, LOWEST, HIGHEST)
-    height = height * min(1.0, _capped(problem, float(height.max())) / height.max())
+    height = height * min(1.0, _capped(problem.frames, float(height.max())) / height.max())
     inner = np.column_stack([way, np.zeros(len(way)), height])
     return {grasp_id: frame.denormalise(inner) for grasp_id, frame in problem.frames.items()}
 
