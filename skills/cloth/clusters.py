@@ -28,11 +28,11 @@ from scipy.sparse.csgraph import connected_components
 
 from foldcell.robots.errors import InternalError
 from foldcell.robots.ports import Array
-from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.cloth.mesh import ClothMesh, triangle_sides
 from foldcell.skills.cloth.simd.aligned_arrays import Table, named_arrays, zeros
 from foldcell.skills.cloth.simd.f32x16 import LANES
 
-__all__ = ["FAR", "LEAF", "Clusters", "build_clusters", "edge_finder", "triangle_sides"]
+__all__ = ["FAR", "LEAF", "Clusters", "build_clusters"]
 
 LEAF = LANES  # largest number of triangles in a cluster: they fill one row
 FAR = 1e6  # [m] coordinates in unused lanes, which are thus near nothing; for triangles, see `Clusters`
@@ -225,36 +225,6 @@ def _lanes(
         rows[start[k] : start[k + 1]].reshape(-1)[: len(members)] = members
         of[members] = k
     return rows, start, of
-
-
-def edge_finder(
-    edge: NDArray[np.int32], n: int
-) -> Callable[[NDArray[np.integer], NDArray[np.integer]], NDArray[np.int32]]:
-    """Return a function that returns the indices in `edge` (e, 2) of the edges between vertices i and j, both
-    arrays of one shape. n: number of vertices."""
-    keys = np.sort(edge, axis=1) @ [n, 1]
-    order = np.argsort(keys)
-
-    def between(i: NDArray[np.integer], j: NDArray[np.integer]) -> NDArray[np.int32]:
-        at = np.searchsorted(keys, np.minimum(i, j).astype(np.int64) * n + np.maximum(i, j), sorter=order)
-        return order[at].astype(np.int32)
-
-    return between
-
-
-def triangle_sides(mesh: ClothMesh, edge: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Return (t, 3) the edges of each triangle, and (e, 2) the triangles beside each edge, the lower index first,
-    -1 where there is none."""
-    tri = mesh.triangles
-    tri_edge = edge_finder(edge, len(mesh.rest))(tri, tri[:, [2, 0, 1]])
-    by_edge = np.argsort(tri_edge.ravel(), kind="stable")
-    sides = np.bincount(tri_edge.ravel(), minlength=len(edge))  # one or two triangles beside an edge
-    first = np.cumsum(sides) - sides
-    beside = (by_edge // 3).astype(np.int32)
-    edge_tri = np.full((len(edge), 2), -1, np.int32)
-    edge_tri[:, 0] = beside[first]
-    edge_tri[sides == 2, 1] = beside[first[sides == 2] + 1]
-    return tri_edge, edge_tri
 
 
 def _shares(

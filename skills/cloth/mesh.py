@@ -7,6 +7,7 @@ The mesh is unstructured on purpose: creases would lock onto the rows of a struc
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,7 +20,7 @@ from foldcell.robots.errors import ConfigurationError
 from foldcell.robots.ports import Array, frozen
 from foldcell.skills.plane import cross, lengths_along
 
-__all__ = ["ClothMesh", "FineBands", "mesh_from_contour"]
+__all__ = ["ClothMesh", "FineBands", "edge_finder", "mesh_from_contour", "triangle_sides"]
 
 Index = NDArray[np.int32]
 
@@ -97,17 +98,11 @@ class ClothMesh:
 
     @cached_property
     def _hinge_rows(self) -> Index:
-        faces: dict[tuple[int, int, int], list[int]] = {}
-        for t, (tri, layer) in enumerate(zip(self.triangles.tolist(), self.triangle_layer.tolist(), strict=True)):
-            for k in range(3):
-                i, j = sorted((tri[k], tri[(k + 1) % 3]))
-                faces.setdefault((i, j, layer), []).append(t)
-        rows = []
-        for (i, j, _), tris in faces.items():
-            if len(tris) == 2:
-                p, q = (next(v for v in self.triangles[t].tolist() if v not in (i, j)) for t in tris)
-                rows.append((i, j, p, q, *tris))
-        return np.array(sorted(rows), dtype=np.int32).reshape(-1, 6)
+        _, beside = triangle_sides(self, self.edges)
+        layer = self.triangle_layer[beside]
+        joined = (beside[:, 1] >= 0) & (layer[:, 0] == layer[:, 1])
+        opposite = self.triangles[beside].sum(axis=2) - self.edges.sum(axis=1)[:, None]
+        return np.column_stack([self.edges, opposite, beside])[joined].astype(np.int32)
 
     @cached_property
     def on_rim(self) -> NDArray[np.bool_]:
@@ -210,6 +205,34 @@ class _Sizes:
         if self.fine is None:
             return np.full(len(xy), self.finest)
         return np.asarray(self.finest * 2.0 ** self.fine.coarsening(xy, self.most), dtype=np.float64)
+
+
+def edge_finder(edge: Index, n: int) -> Callable[[NDArray[np.integer], NDArray[np.integer]], Index]:
+    """Return a function that returns the indices in `edge` (e, 2) of the edges between vertices i and j, both
+    arrays of one shape. n: number of vertices."""
+    keys = np.sort(edge, axis=1) @ [n, 1]
+    order = np.argsort(keys)
+
+    def between(i: NDArray[np.integer], j: NDArray[np.integer]) -> Index:
+        at = np.searchsorted(keys, np.minimum(i, j).astype(np.int64) * n + np.maximum(i, j), sorter=order)
+        return order[at].astype(np.int32)
+
+    return between
+
+
+def triangle_sides(mesh: ClothMesh, edge: Index) -> tuple[Index, Index]:
+    """Return (t, 3) the edges of each triangle, and (e, 2) the triangles beside each edge, the lower index first,
+    -1 where there is none."""
+    tri = mesh.triangles
+    tri_edge = edge_finder(edge, len(mesh.rest))(tri, tri[:, [2, 0, 1]])
+    by_edge = np.argsort(tri_edge.ravel(), kind="stable")
+    sides = np.bincount(tri_edge.ravel(), minlength=len(edge))  # one or two triangles beside an edge
+    first = np.cumsum(sides) - sides
+    beside = (by_edge // 3).astype(np.int32)
+    edge_tri = np.full((len(edge), 2), -1, np.int32)
+    edge_tri[:, 0] = beside[first]
+    edge_tri[sides == 2, 1] = beside[first[sides == 2] + 1]
+    return tri_edge, edge_tri
 
 
 def _half_edges(tri: Index) -> Index:

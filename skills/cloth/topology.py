@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from foldcell.skills.cloth.clusters import Clusters, build_clusters, edge_finder, triangle_sides
+from foldcell.skills.cloth.clusters import Clusters, build_clusters
 from foldcell.skills.cloth.elasticity import colour_batches, shuffled
-from foldcell.skills.cloth.mesh import ClothMesh
+from foldcell.skills.cloth.mesh import ClothMesh, edge_finder, triangle_sides
 from foldcell.skills.cloth.simd.aligned_arrays import aligned
 
 __all__ = ["Topology", "topology_of"]
