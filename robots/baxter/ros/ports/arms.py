@@ -60,7 +60,7 @@ class RosArms:
         self._dynamics = {
             side: node.publisher(inverse_dynamics(side), messages.joint_trajectory_point) for side in Side
         }
-        node.publisher(JOINT_STATE_RATE, messages.uint16, latch=True).tell(messages.uint16(STATE_RATE))
+        node.publisher(JOINT_STATE_RATE, messages.uint16, latch=True).publish(messages.uint16(STATE_RATE))
         for side in Side:
             node.publisher(speed_ratio(side), messages.float64, latch=True).publish(messages.float64(1.0))
             node.publisher(command_timeout(side), messages.float64, latch=True).publish(
