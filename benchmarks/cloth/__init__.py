@@ -9,7 +9,6 @@ simulated.
 
 from __future__ import annotations
 
-import hashlib
 import importlib
 import json
 import os
@@ -19,6 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from benchmarks.kept import Kept, fingerprint
 from foldcell.robots.errors import ConfigurationError
 
 __all__ = ["PARTS", "Tell", "measure"]
@@ -26,7 +26,6 @@ __all__ = ["PARTS", "Tell", "measure"]
 Tell = Callable[[str], None]
 """Function that shows one line of progress to the user."""
 PEER_FIGURE = "mujoco_final_error_difference_mm"
-ROOT = Path(__file__).resolve().parents[2]
 MEASURED = ("skills/cloth", "skills/fold_plan", "skills/garments", "calibration", "benchmarks/cloth")
 
 
@@ -91,10 +90,10 @@ def measure(
     benchmark.
     """
     chosen = _chosen(only, peers)
-    kept = _Kept(keep, quick)
+    kept, key = Kept(_checked(keep)), fingerprint(MEASURED, quick=quick)
     figures: dict[str, Any] = {}
     for k, (name, part) in enumerate(chosen.items()):
-        before = kept.parts.get(name)
+        before = kept.get(key, name)
         if before is not None:
             tell(f"{k + 1:2d}/{len(chosen)} {name}: kept")
             figures |= before
@@ -103,7 +102,7 @@ def measure(
         start = time.process_time()
         found = part.measure(quick, lambda text: tell(f"      {text}"))
         tell(f"      {time.process_time() - start:.0f} s of CPU")
-        kept.put(name, found)
+        kept.put(key, name, found)
         figures |= found
     figures |= _derived(figures)
     return figures if only else {PEER_FIGURE: None} | figures
@@ -138,40 +137,16 @@ def _derived(figures: Mapping[str, Any]) -> dict[str, Any]:
     return out
 
 
-class _Kept:
-    """Saved figures of parts. They are valid as long as the sources are the same."""
-
-    def __init__(self, path: Path | None, quick: bool) -> None:
-        self._path = path
-        self._label = {"sources": _fingerprint(), "quick": quick}
-        self.parts: dict[str, dict[str, Any]] = {}
-        if path is None:
-            return
-        if not os.access(path.parent, os.W_OK):  # checked now, so that no measurement is lost
-            raise ConfigurationError(f"{path} cannot be written", "give --keep a file in a folder that can")
-        if not path.exists():
-            return
-        try:
-            found = json.loads(path.read_text(encoding="utf-8"))
-            label, parts = {k: found[k] for k in self._label}, found["parts"]
-        except (OSError, ValueError, KeyError, TypeError) as e:
-            raise ConfigurationError(f"{path} holds no figures of bench cloth", "give --keep another file") from e
-        if label == self._label:
-            self.parts = parts
-
-    def put(self, name: str, figures: dict[str, Any]) -> None:
-        from foldcell.cell.support.files.whole_file import write_whole
-
-        self.parts[name] = figures
-        if self._path is not None:
-            text = json.dumps({**self._label, "parts": self.parts}, indent=1)
-            write_whole(self._path, (text + "\n").encode())
-
-
-def _fingerprint() -> str:
-    digest = hashlib.sha256()
-    for folder in MEASURED:
-        for path in sorted((ROOT / folder).rglob("*")):
-            if path.suffix in (".py", ".yaml"):
-                digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
+def _checked(path: Path | None) -> Path | None:
+    """Check now that figures can be saved to the file, so that none is lost. Raises ConfigurationError."""
+    if path is None:
+        return None
+    if not os.access(path.parent, os.W_OK):
+        raise ConfigurationError(f"{path} cannot be written", "give --keep a file in a folder that can")
+    try:
+        ours = not path.exists() or isinstance(json.loads(path.read_text(encoding="utf-8")), dict)
+    except (OSError, ValueError):
+        ours = False
+    if not ours:
+        raise ConfigurationError(f"{path} holds no figures of bench cloth", "give --keep another file")
+    return path

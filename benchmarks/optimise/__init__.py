@@ -37,10 +37,10 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.kept import Kept, fingerprint
 from benchmarks.optimise.cases import Case, initial, judge, prepare
-from benchmarks.optimise.kept import Kept, fingerprint
 from benchmarks.optimise.lookups import measure_lookup_times, measure_lookups, summary_of_lookups
-from foldcell.cell.config.garments.garment_file import list_garments, load_garment
+from foldcell.cell.config.garments.garment_file import garment_path, list_garments, load_garment
 from foldcell.cell.support.files.paths import logs_directory
 from foldcell.skills.trajectory.search.optimise import optimise_fold
 from foldcell.skills.vocabulary import GraspTrajectory
@@ -49,6 +49,7 @@ Tell = Callable[[str], None]
 
 METHODS = ("default", "two_parameter", "paper")
 BUDGET, QUICK_BUDGET = 25, 10
+MEASURED = ("skills/cloth", "skills/trajectory", "skills/fold_plan", "benchmarks/optimise")
 GAP = 0.002
 """If D of the initial arc exceeds D_relax by at least this, a fold counts as improvable [m]."""
 
@@ -63,7 +64,7 @@ def measure(tell: Tell, *, peers: bool, quick: bool, garments: Sequence[str] | N
     with ThreadPoolExecutor(2) as pool:
         steps = []
         for name in names:
-            key = fingerprint(name, budget=budget, methods=methods)
+            key = fingerprint(MEASURED, garment_path(name), budget=budget, methods=methods)
             for index in range(1 if quick else len(load_garment(name, "bare_table").plan)):
                 steps.append(_Step(name, index, key, kept, pool, tell))
         rows = [row for step in steps for row in step.rows(methods, budget)]

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.kept import Kept, fingerprint
 from benchmarks.optimise import _worst, cases
-from benchmarks.optimise.kept import Kept, fingerprint
 from benchmarks.optimise.lookups import summary_of_lookups
 from benchmarks.optimise.results import page
+from foldcell.cell.config.garments.garment_file import shipped_garment_path
 from foldcell.skills.vocabulary import GraspId
 
 
@@ -89,12 +90,14 @@ def test_an_arcs_figure_is_the_median_over_all_fine_meshes(monkeypatch: pytest.M
 
 def test_figures_are_reused_until_their_inputs_change(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "kept.json"
-    key = fingerprint("small_towel", budget=25)
+    towel, other = (shipped_garment_path(name) for name in ("small_towel", "medium_towel"))
+    folders = ("skills/garments",)
+    key = fingerprint(folders, towel, budget=25)
     Kept(path).put(key, "0/default", {"D_mm": 1.5})
     assert Kept(path).get(key, "0/default") == {"D_mm": 1.5}
     assert Kept(path).get(key, "1/default") is None
-    assert len({key, fingerprint("small_towel", budget=10), fingerprint("medium_towel", budget=25)}) == 3
-    assert fingerprint("small_towel", budget=25) == key
+    assert len({key, fingerprint(folders, towel, budget=10), fingerprint(folders, other, budget=25)}) == 3
+    assert fingerprint(folders, towel, budget=25) == key != fingerprint((), towel, budget=25)
     path.write_text("{ not JSON")
     assert Kept(path).get(key, "0/default") is None
     Kept(None).put(key, "0/default", {})

@@ -1,5 +1,4 @@
-"""Saves the figures of each step, so that an interrupted benchmark can be continued and garments can be measured
-separately.
+"""Saves the figures of a benchmark as soon as they are measured, so that it can be interrupted and continued.
 
 Saved figures are valid as long as the sources that they depend on are unchanged.
 """
@@ -8,28 +7,22 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from foldcell.cell.config.garments.garment_file import garment_path
 from foldcell.cell.support.files.whole_file import write_whole
 
 __all__ = ["Kept", "fingerprint"]
 
-VERSION = 5
-"""Version of the measuring method. It is increased when the meaning of the figures changes, so that figures saved
-earlier are no longer used."""
-
-ROOT = Path(__file__).resolve().parents[2]
-MEASURED = ("skills/cloth", "skills/trajectory", "skills/fold_plan")
+ROOT = Path(__file__).resolve().parents[1]
 
 
-def fingerprint(garment: str, **how: Any) -> str:
-    """Compute a hash of the sources in MEASURED, the garment's file, and the options of the measurement."""
-    files = [path for folder in MEASURED for path in sorted((ROOT / folder).rglob("*.py"))]
-    digest = hashlib.sha256(json.dumps([VERSION, garment, how], sort_keys=True).encode())
-    for path in [*files, garment_path(garment)]:
+def fingerprint(folders: Sequence[str], *files: Path, **how: Any) -> str:
+    """Compute a hash of the sources in folders of the repository, of files, and of the measurement's options."""
+    sources = [path for folder in folders for path in sorted((ROOT / folder).rglob("*"))]
+    digest = hashlib.sha256(json.dumps(how, sort_keys=True).encode())
+    for path in [*(path for path in sources if path.suffix in (".py", ".yaml")), *files]:
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
