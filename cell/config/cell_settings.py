@@ -224,6 +224,9 @@ class MotionConfig(_Group):
         0.1, 5.0, "degrees", "largest distance of a joint from the first point of a trajectory"
     )
     tracking_tolerance: float = _number(0.01, 0.5, "rad", "largest lag of a joint behind its set-point")
+    latency_s: float = _number(
+        0.0, 0.15, "s", "time that a set-point and the reading that shows it are on the network together"
+    )
     max_state_age_s: float = _number(0.02, 1.0, "s", "age above which a joint state is too old to act on")
 
 

@@ -3,6 +3,7 @@ error."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,12 +39,14 @@ class ExecutionLimits:
     """Limits of a motion's execution, from the group `motion` of the cell's settings.
 
     start [rad]: largest distance of a joint from the trajectory's first point; tracking [rad]: largest distance
-    from the set-point while moving; stale_s: largest age of a joint state [s].
+    from the set-point while moving; stale_s: largest age of a joint state [s]; latency_s: time that a set-point
+    and the reading that shows it are on the network together [s].
     """
 
     start: float
     tracking: float
     stale_s: float
+    latency_s: float = 0.0
 
 
 def stopped(ports: Ports) -> Failure | None:
@@ -78,11 +81,17 @@ def fresh_state(ports: Ports, limits: ExecutionLimits) -> Outcome[JointState]:
 
 
 def followed(
-    ports: Ports, q: Array, sent: JointSetpoint, limits: ExecutionLimits, late: bool = False
+    ports: Ports,
+    q: Array,
+    sent: JointSetpoint,
+    limits: ExecutionLimits,
+    late: bool = False,
+    earlier: Sequence[Array] = (),
 ) -> Outcome[JointState]:
     """Check the arms one tick after the set-point q (joints,) was sent, and return their state. sent: the
     set-point that the driver passed on to the robot. late: the tick came so late that the arms have come to rest
-    somewhere else, so their distance from q is not judged.
+    somewhere else, so their distance from q is not judged. earlier: the set-points (joints,) that the reading may
+    show instead of q, because both were on the network; a joint may be anywhere between them.
 
     Failures: STOPPED, STALE_STATE, LIMIT_EXCEEDED (an altered set-point), TRACKING_ERROR. For the last two, the
     arms are also commanded to hold.
@@ -94,7 +103,7 @@ def followed(
     if read.failure:
         return read
     failure = _altered_setpoint(sent, q, limits)
-    failure = failure or (None if late else _tracking_error(read.unwrap(), q, limits))
+    failure = failure or (None if late else _tracking_error(read.unwrap(), [*earlier, q], limits))
     if failure:
         hold(ports, limits)
         return Outcome(failure=failure)
@@ -146,10 +155,11 @@ def _altered_setpoint(sent: JointSetpoint, q: Array, limits: ExecutionLimits) ->
     return failure and replace(failure, values={**failure.values, "clipped": sent.clipped})
 
 
-def _tracking_error(state: JointState, q: Array, limits: ExecutionLimits) -> Failure | None:
+def _tracking_error(state: JointState, shown: Sequence[Array], limits: ExecutionLimits) -> Failure | None:
     what = "joint {joint} is {off:.1f} degrees off its set-point"
     hint = "look for an obstacle or a weak motor before you continue"
-    return _beyond(state.q - q, limits.tracking, FailureKind.TRACKING_ERROR, what, hint)
+    off = state.q - np.clip(state.q, np.min(shown, axis=0), np.max(shown, axis=0))
+    return _beyond(off, limits.tracking, FailureKind.TRACKING_ERROR, what, hint)
 
 
 def _beyond(off: Array, limit: float, kind: FailureKind, what: str, hint: str) -> Failure | None:

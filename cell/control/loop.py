@@ -8,6 +8,7 @@ docs/do/safety.md states the order of the checks.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -25,9 +26,9 @@ from foldcell.cell.control.motion import Feedback, Motion, SetPoint
 from foldcell.cell.control.path_clock import PathControl
 from foldcell.cell.control.pausing import Interruptions
 from foldcell.cell.control.set_points import LastCommand, PathRecord
-from foldcell.cell.control.ticks import Ticks
+from foldcell.cell.control.ticks import TICK_S, Ticks
 from foldcell.robots.errors import FailureKind
-from foldcell.robots.ports import JointState, Ports
+from foldcell.robots.ports import Array, JointState, Ports
 from foldcell.skills.vocabulary import Outcome
 
 __all__ = ["ControlLoop"]
@@ -77,8 +78,10 @@ class ControlLoop:
     def _drive(self, motion: Motion[V], point: SetPoint, sends: bool, control: PathControl | None) -> Outcome[V]:
         interruptions = Interruptions(self.ports.clock, self.limits, control, point)
         ticks, watch = Ticks(self.ports), FrozenStateWatch()
+        under_way = deque[Array](maxlen=round(self.limits.latency_s / TICK_S))
         while True:
-            late, read = self._tick(point, ticks, sends)
+            late, read = self._tick(point, ticks, sends, under_way)
+            under_way.append(point.q)
             frozen = watch.check(read.unwrap(), point.q) if sends and read.ok else None
             if frozen:
                 read = Outcome(failure=frozen)
@@ -99,15 +102,17 @@ class ControlLoop:
                 return Outcome(failure=ending)
             point = following
 
-    def _tick(self, point: SetPoint, ticks: Ticks, sends: bool) -> tuple[bool, Outcome[JointState]]:
-        """Perform one tick. Returns whether the tick came so late that the arms have come to rest, and their state
-        or a failure."""
+    def _tick(
+        self, point: SetPoint, ticks: Ticks, sends: bool, under_way: deque[Array]
+    ) -> tuple[bool, Outcome[JointState]]:
+        """Perform one tick. under_way: the set-points of the last ticks. Returns whether the tick came so late
+        that the arms have come to rest, and their state or a failure."""
         if sends:
             sent = self.ports.arms.command(point.q, point.qd)
             self.last_command.q = point.q
             self.path.add(point.q)
             late = ticks.wait()
-            return late, followed(self.ports, point.q, sent, self.limits, late)
+            return late, followed(self.ports, point.q, sent, self.limits, late, under_way)
         late, failure = ticks.wait(), stopped(self.ports)
         return late, Outcome(failure=failure) if failure else Outcome(self.ports.arms.state())
 

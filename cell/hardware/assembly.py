@@ -128,4 +128,5 @@ def execution_limits(motion: MotionConfig) -> ExecutionLimits:
         start=float(np.deg2rad(motion.start_tolerance_deg)),
         tracking=motion.tracking_tolerance,
         stale_s=motion.max_state_age_s,
+        latency_s=motion.latency_s,
     )

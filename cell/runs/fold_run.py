@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 
 from foldcell.cell.executive.effects import EFFECTS
-from foldcell.cell.executive.runner import Runner
+from foldcell.cell.executive.runner import EffectFunction, Runner
 from foldcell.cell.hardware.assembly import assemble
 from foldcell.cell.hardware.camera import camera_calibration
 from foldcell.cell.hardware.driver import OpenCell, PersonAt, check_cell, opened_cell, simulation_settings
@@ -37,7 +37,7 @@ from foldcell.cell.states.commands import CommandQueue
 from foldcell.cell.states.fold_request import FoldRequest
 from foldcell.cell.states.observers import Observer
 from foldcell.cell.states.run_context import RunContext, RunEnd
-from foldcell.cell.states.transition_table import Event, State
+from foldcell.cell.states.transition_table import Effect, Event, State
 from foldcell.cell.support.process.signals import Interrupts
 from foldcell.robots.errors import FailureKind, StorageError
 from foldcell.robots.ports import Ports, Stop
@@ -56,9 +56,11 @@ def fold_once(
     on_open: OnOpen | None = None,
     observers: Sequence[Observer] = (),
     interrupted: Interrupted | None = None,
+    instead: Mapping[Effect, EffectFunction] | None = None,
 ) -> RunRecord:
     """Perform one run, or resume an interrupted one. on_open, observers: used by tests and HIL scripts. The given
-    observers are added to the run's own observers.
+    observers are added to the run's own observers. instead: effects that replace the run's own, for a
+    step of the ladder.
 
     Raises ConfigurationError and StorageError before anything moves. If the journal cannot be written later, the
     run ends in a fault with the arms held.
@@ -75,7 +77,7 @@ def fold_once(
                 keep_run_inputs(run.directory, request, interrupted.context if interrupted else None)
             resumed_from = interrupted.run if interrupted else None
             watching = RunObservers(request, run, began, resumed_from, listener, observers)
-            end, score, losses = _perform(request, run, watching, on_open, interrupted, interrupts)
+            end, score, losses = _perform(request, run, watching, on_open, interrupted, interrupts, instead or {})
             signal = interrupts.received[0] if interrupts.received else None
             record = _end_in_journal(run, watching.record.record(end, score, losses, signal))
         if record.result == "folded" or end.context.through:
@@ -99,6 +101,7 @@ def _perform(
     on_open: OnOpen | None,
     interrupted: Interrupted | None,
     interrupts: Interrupts,
+    instead: Mapping[Effect, EffectFunction],
 ) -> tuple[RunEnd, Score | None, RecordingLosses]:
     """Open the cell, run the state machine and score the garment. Everything is closed when this returns."""
     robot, notifier = load_robot(request.settings), watching.notifier
@@ -134,7 +137,7 @@ def _perform(
             checkpoint_writer.keep(context)  # first: from here on, the run can be resumed if the process dies
             if interrupted:
                 run.event(opened.ports.clock.now(), State.IDLE.value, RESUMED_FROM, {"run": interrupted.run})
-            runner = Runner(cell, EFFECTS, run, commands, watching.all, checkpoint_writer.keep)
+            runner = Runner(cell, {**EFFECTS, **instead}, run, commands, watching.all, checkpoint_writer.keep)
             end = runner.run(context, first)
             watching.run_ended(end)
             score = watching.score(end)

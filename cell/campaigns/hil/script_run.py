@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from foldcell.cell.campaigns.hil.director import Director, Observations
 from foldcell.cell.campaigns.hil.script import LIMIT_S, Action, Script
@@ -17,9 +17,12 @@ from foldcell.cell.hardware.driver_names import is_simulated
 from foldcell.cell.hardware.robot_model import load_robot
 from foldcell.cell.record.run_record import RunRecord
 from foldcell.cell.states.fold_request import FoldRequest
-from foldcell.cell.states.transition_table import State
+from foldcell.cell.states.transition_table import Effect, State
 from foldcell.cell.support.junit import JUnitCase
 from foldcell.robots.errors import CellError, ConfigurationError
+
+if TYPE_CHECKING:
+    from foldcell.cell.executive.runner import EffectFunction
 
 __all__ = ["ScriptResult", "broken_expectations", "check_script", "fold_scripted", "run_script"]
 
@@ -85,9 +88,10 @@ def run_script(
     live: bool = False,
     realtime: bool = False,
     tell: Callable[[str], None] = print,
+    instead: Mapping[Effect, EffectFunction] | None = None,
 ) -> ScriptResult:
     """Perform the script in a run, whose folder is under `logs`. A run that cannot start counts as a broken
-    expectation, so that the next script can still run."""
+    expectation, so that the next script can still run. instead: see `fold_once`."""
     began = time.monotonic()
     try:
         own = check_script(script, settings, driver)
@@ -97,7 +101,7 @@ def run_script(
             terminal=not is_simulated(driver), realtime=realtime, world=world,
             quiet=True,
         )  # fmt: skip
-        result, seen = fold_scripted(request, script.do, tell, script.limit_s)
+        result, seen = fold_scripted(request, script.do, tell, script.limit_s, instead)
     except CellError as e:
         return ScriptResult(script, (f"there was no run: {e.what}",), None, time.monotonic() - began)
     broken = broken_expectations(script, result, seen)
@@ -105,15 +109,19 @@ def run_script(
 
 
 def fold_scripted(
-    request: FoldRequest, actions: Sequence[Action], tell: Callable[[str], None], limit_s: float = LIMIT_S
+    request: FoldRequest,
+    actions: Sequence[Action],
+    tell: Callable[[str], None],
+    limit_s: float = LIMIT_S,
+    instead: Mapping[Effect, EffectFunction] | None = None,
 ) -> tuple[RunRecord, Observations]:
     """Perform a run with scripted actions. The request's seed draws random moments. tell, limit_s: see
-    `Director`. Raises CellError if the run cannot start."""
+    `Director`; instead: see `fold_once`. Raises CellError if the run cannot start."""
     from foldcell.cell.runs.fold_run import fold_once
 
     director = Director(actions, load_robot(request.settings).q_park, tell, request.seed, limit_s)
     try:
-        return fold_once(request, director.begin, (director,)), director.seen()
+        return fold_once(request, director.begin, (director,), instead=instead), director.seen()
     finally:
         director.close()
 
@@ -130,6 +138,8 @@ def _broken(script: Script, result: RunRecord, seen: Observations) -> Iterator[s
         yield f"was still running after {script.limit_s:g} s (limit_s)"
     for what in seen.trouble:
         yield f"the script could not be carried out: {what}"
+    if seen.sent_after_stop:
+        yield f"{seen.sent_after_stop} set-points were sent after a stop"
     if result.state not in expect.end:
         why = f": {result.failure.what}" if result.failure else ""
         yield f"ended {result.state}{why}; expected {_words(expect.end, ' or ')}"

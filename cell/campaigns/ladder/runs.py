@@ -9,12 +9,15 @@ from typing import Any
 
 from foldcell.cell.campaigns.hil.script import Script
 from foldcell.cell.campaigns.hil.script_run import ScriptResult, run_script
+from foldcell.cell.campaigns.ladder.pull import pulling
 from foldcell.cell.config.cell_settings import CellSettings
+from foldcell.cell.executive.runner import EffectFunction
 from foldcell.cell.hardware.contract.rig import require
 from foldcell.cell.hardware.driver import stop_circuit
 from foldcell.cell.hardware.driver_names import is_simulated
 from foldcell.cell.journal.journal import Journal
 from foldcell.cell.record.run_record import RunRecord
+from foldcell.cell.states.transition_table import Effect
 from foldcell.cell.support.files.paths import journal_path
 
 __all__ = ["ScriptedRuns"]
@@ -45,6 +48,17 @@ class ScriptedRuns:
         expect = {"end": ["not_folded"], "folds": 1, "through": ["folding", "releasing"], "parked": True}
         return self._passed("hold", {"do": [pause, go_on, end], "expect": expect})
 
+    def pull(self) -> Mapping[str, float]:
+        """Pull the cloth apart in the place of a fold, until a hand reports that it slips."""
+        figures: dict[str, float] = {}
+        end = {"when": {"state": "looking", "visit": 2}, "say": "abort"}
+        expect = {
+            "end": ["not_folded"], "folds": 0, "failures": ["slipped", "aborted"], "only_failures": True,
+            "through": ["folding", "laying_back", "looking"], "parked": True,
+        }  # fmt: skip
+        passed = self._passed("pull", {"do": [end], "expect": expect}, {Effect.FOLD: pulling(figures)})
+        return {**passed, **figures}
+
     def approved_fold(self) -> Mapping[str, float]:
         """Approve the first fold, and end the run before the second. At a robot a person answers, and
         may go on."""
@@ -73,13 +87,19 @@ class ScriptedRuns:
         require(resumed.result != "fault", f"the resumed run ended as a fault: {why}")
         return {"robot_time_s": resumed.robot_time_s}
 
-    def _passed(self, name: str, script: Mapping[str, Any]) -> Mapping[str, float]:
-        return {"robot_time_s": self._performed(name, script).robot_time_s}
+    def _passed(
+        self, name: str, script: Mapping[str, Any], instead: Mapping[Effect, EffectFunction] | None = None
+    ) -> Mapping[str, float]:
+        return {"robot_time_s": self._performed(name, script, instead).robot_time_s}
 
-    def _performed(self, name: str, script: Mapping[str, Any]) -> RunRecord:
+    def _performed(
+        self, name: str, script: Mapping[str, Any], instead: Mapping[Effect, EffectFunction] | None = None
+    ) -> RunRecord:
         made = Script.model_validate({"about": name, "garment": GARMENT, "seed": self.seed, **script})
         made._path = Path(f"{name}.yaml")
-        return self._kept(run_script(made, self.settings, self.logs, driver=self.driver, tell=self.tell))
+        return self._kept(
+            run_script(made, self.settings, self.logs, driver=self.driver, tell=self.tell, instead=instead)
+        )
 
     def _kept(self, result: ScriptResult) -> RunRecord:
         if result.result is not None:

@@ -292,6 +292,11 @@ STEPS: Sequence[Step] = (
         "lays a small towel", "see the run's report", runs=ScriptedRuns.hold,
     ),
     Step(
+        "pull until it slips", "a hand feels the cloth slip before a joint feels the pull as a contact",
+        "both arms, slowly apart", "lays a small towel", "`foldcell calibrate tactile`; see the run's report",
+        runs=ScriptedRuns.pull,
+    ),
+    Step(
         "one fold", "a fold is shown, approved, made and inspected", "everything, as in a run",
         "lays a small towel, approves the fold, ends the run before the second", "see the run's report",
         runs=ScriptedRuns.approved_fold,

@@ -20,7 +20,7 @@ from foldcell.skills.grasping.slip import start_slip_watch, watch_slip
 from foldcell.skills.motion.moves.arc import plan_arc
 from foldcell.skills.vocabulary import CameraCalibration, Outcome
 
-__all__ = ["fold"]
+__all__ = ["all_of", "fold", "slip_watch"]
 
 
 @effect
@@ -38,7 +38,7 @@ def fold(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
     pictures: list[CameraFrame] = []
     moments = np.linspace(0.0, trajectory.duration, cell.settings.recorder.key_frames)
     calibration = context.sight.calibration(cell.calibration)
-    watch = _all_of(_slip_watch(cell, context.fold), _photographer(cell, calibration, moments, pictures))
+    watch = all_of(slip_watch(cell, context.fold), _photographer(cell, calibration, moments, pictures))
     control = pausable(cell)
     failure = as_failure(lambda: stream(cell.loop, trajectory, cell.hands.recording(watch), control).failure)
     executed = replace(attempt.motion, **vars(arc))  # friction is learned from the executed arc
@@ -50,7 +50,8 @@ def fold(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
     return Result(Event.DONE, context, {"duration_s": trajectory.duration})
 
 
-def _slip_watch(cell: Workcell, fold: FoldContext) -> Watch:
+def slip_watch(cell: Workcell, fold: FoldContext) -> Watch:
+    """Return a watch that fails as soon as one of the hands loses its cloth."""
     watches = {s: start_slip_watch(cell.grasp, fold.biases[s], held) for s, held in fold.held.items()}
 
     def look(tick: Tick) -> Failure | None:
@@ -89,7 +90,9 @@ def _photographer(
     return look
 
 
-def _all_of(*watches: Watch) -> Watch:
+def all_of(*watches: Watch) -> Watch:
+    """Return a watch that fails as soon as one of the watches does."""
+
     def look(tick: Tick) -> Failure | None:
         for watch in watches:
             failure = watch(tick)

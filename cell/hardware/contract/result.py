@@ -14,7 +14,7 @@ __all__ = ["Result", "judged"]
 
 Figures = Mapping[str, float]
 WORDS = {"passed": "PASS", "failed": "FAIL", "not_run": "not run"}
-UNITS = {"s": "s", "m": "m", "n": "N", "deg": "degrees", "hz": "Hz"}
+UNITS = {"s": "s", "m": "m", "n": "N", "nm": "Nm", "deg": "degrees", "hz": "Hz"}
 """Last part of a figure's name -> its unit."""
 
 

@@ -1,6 +1,9 @@
-"""Plans the straight lift of the hands, which tests a grasp or takes the hands away from the table."""
+"""Plans straight motions of the hands: the lift, which tests a grasp or takes the hands away from the table, and
+others from where they stand."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -16,14 +19,15 @@ from foldcell.skills.motion.validation.inputs import validate_height, validate_s
 from foldcell.skills.motion.validation.trajectory_check import contact_along
 from foldcell.skills.vocabulary import Outcome
 
-__all__ = ["CAREFUL_SPEED", "plan_lift"]
+__all__ = ["CAREFUL_SPEED", "plan_lift", "plan_straight"]
 
 SPEED = 0.25
 """Maximum speed of the tools [m/s]."""
 CAREFUL_SPEED = 0.09
 """Maximum speed of the tools in the careful part of a lift [m/s]."""
 STEP = 0.006
-"""Height between two joint samples [m]."""
+"""Distance between two joint samples [m]."""
+UP = np.array([0.0, 0.0, 1.0])
 
 
 def plan_lift(
@@ -43,39 +47,56 @@ def plan_lift(
     Failures: STALE_STATE (q_now is not a valid state), LIMIT_EXCEEDED (the height is negative, too large or not
     finite, or the limits are so low that the lift would take too long), UNREACHABLE, IN_COLLISION.
     """
-    invalid = validate_state(model, q_now) or validate_height(height)
+    ways = dict.fromkeys(sides, UP)
+    return plan_straight(model, checker, q_now, ways, height, careful=careful, limits=limits)
+
+
+def plan_straight(
+    model: RobotModel,
+    checker: CollisionChecker,
+    q_now: Array,
+    ways: Mapping[Side, Array],
+    length: float,
+    *,
+    careful: float = 0.0,
+    speed: float = SPEED,
+    limits: JointLimits | None = None,
+    name: str = "lift",
+) -> Outcome[ArmTrajectory]:
+    """Plan a straight motion of each hand along its unit vector in `ways`, by `length` [m], from q_now (joints,),
+    at rest. speed: of the tools [m/s]; name: of the motion, for messages. Otherwise as `plan_lift`."""
+    invalid = validate_state(model, q_now) or validate_height(length)
     if invalid:
         return Outcome(failure=invalid)
-    n = max(2, int(np.ceil(height / STEP)))
-    rise = np.linspace(0.0, height, n + 1)
+    n = max(2, int(np.ceil(length / STEP)))
+    gone = np.linspace(0.0, length, n + 1)
     q = np.tile(q_now, (n + 1, 1))
-    for side in sides:
+    for side, way in ways.items():
         joints = model.arm(side)
         T = ik.tool_pose(model.chains[side], q_now[joints])
-        position = np.tile(T[:3, 3], (n + 1, 1))
-        position[:, 2] += rise
+        position = T[:3, 3] + gone[:, None] * way
         found = ik.follow_path(model, side, np.tile(T[:3, :3], (n + 1, 1, 1)), position, q_now[joints])
         if len(found) <= n:
-            return Outcome(failure=_unreachable_height(side, height, float(rise[max(len(found) - 1, 0)])))
+            return Outcome(failure=_unreachable(side, length, float(gone[max(len(found) - 1, 0)])))
         q[:, joints] = found
     if np.abs(q - q_now).max() < 1e-9:
         return Outcome(hold(q_now))
     try:
         # where the hands should be slower, a millimetre counts as more
-        lengths = rise + (SPEED / CAREFUL_SPEED - 1.0) * np.minimum(rise, careful)
-        lift = time_path(q, limits or model.planning, lengths=lengths[:, None], speed=SPEED)
+        lengths = gone + (speed / CAREFUL_SPEED - 1.0) * np.minimum(gone, careful)
+        motion = time_path(q, limits or model.planning, lengths=lengths[:, None], speed=speed)
     except TimingError as e:
         return Outcome(failure=e.failure())
-    contact = contact_along(checker, lift, allow_fingertips=True)
+    contact = contact_along(checker, motion, allow_fingertips=True)
     if contact is not None:
-        return Outcome(failure=too_near("the lift", str(contact)))
-    return Outcome(lift)
+        return Outcome(failure=too_near(f"the {name}", str(contact)))
+    return Outcome(motion)
 
 
-def _unreachable_height(side: Side, height: float, reached: float) -> Failure:
+def _unreachable(side: Side, length: float, reached: float) -> Failure:
     return Failure(
         FailureKind.UNREACHABLE,
-        f"the {side} hand cannot be lifted straight up by {height} m from its present pose",
+        f"the {side} hand cannot be moved straight by {length} m from its present pose",
         "jog the arm by hand",
         {"side": str(side), "reached_m": reached},
     )

@@ -27,6 +27,7 @@ from foldcell.cell.control.set_points import LastCommand
 from foldcell.cell.control.ticks import LOST_S, TICK_S
 from foldcell.cell.states.commands import CommandQueue
 from foldcell.cell.states.transition_table import Event
+from foldcell.cell.support.forwarding import forwarding
 from foldcell.robots.errors import Failure, FailureKind
 from foldcell.robots.model import JointLimits
 from foldcell.robots.ports import ArmTrajectory, Array, JointSetpoint, JointState, Ports, Side, arm_slice
@@ -165,6 +166,30 @@ def test_straying_arms_are_commanded_to_hold_where_they_are(kind: str) -> None:
     assert failure is not None and failure.kind is K.TRACKING_ERROR and failure.values["off_rad"] > 0.19
     assert b.cell.now == pytest.approx(AT) and b.cell.commands[-1][1] == pytest.approx(b.cell.q)
     assert b.loop.last_command.q is None, "the next motion begins at the arms' position"
+
+
+@pytest.mark.parametrize(
+    ("latency", "pushed", "found"),
+    [(0.0, False, True), (0.1, False, False), (0.1, True, True)],
+    ids=["not stated", "stated", "stated, and the arms stray"],
+)
+def test_readings_over_a_slow_network_are_compared_with_the_set_points_of_their_time(
+    latency: float, pushed: bool, found: bool
+) -> None:
+    """The joints turn by 0.28 rad/s, and a reading shows where they were 0.1 s before."""
+    b = bench("trajectory")
+    past = [b.cell.q] * 10
+
+    def state() -> JointState:
+        past.append(b.cell.q)
+        return replace(b.ports.arms.state(), q=past[-11] + 1e-6 * len(past))
+
+    if pushed:
+        b.cell.at(AT, lambda: push_arms(b.cell))
+    ports = replace(b.ports, arms=forwarding(b.ports.arms, state=state))
+    loop = ControlLoop(ports, replace(LIMITS, tracking=0.02, latency_s=latency), LastCommand())
+    failure = stream(loop, sweep(), None, PathControl(None, JOINTS, JOINTS)).failure
+    assert (failure is not None and failure.kind is K.TRACKING_ERROR) == found
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -204,6 +205,11 @@ def test_each_unmet_expectation_is_reported(
     script = a_script(**{**MET, **expect})
     broken = broken_expectations(script, result(), played(monkeypatch, script).seen())
     assert len(broken) == 1 and said in broken[0]
+
+
+def test_a_set_point_after_a_stop_breaks_every_script(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = replace(played(monkeypatch, a_script()).seen(), sent_after_stop=2)
+    assert "2 set-points were sent after a stop" in broken_expectations(a_script(), result(), seen)
 
 
 def test_arms_away_from_the_rest_pose_do_not_count_as_parked(monkeypatch: pytest.MonkeyPatch) -> None:

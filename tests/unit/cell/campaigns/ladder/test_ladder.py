@@ -158,7 +158,7 @@ def test_a_sound_cell_passes_every_step_and_the_page_shows_it(tmp_path: Path) ->
     assert figures["rest_s"] > 0.0 and figures["left_rise_m"] == pytest.approx(0.05, abs=2e-3)
     page = write_page(tmp_path, Climbed(results, True, None, None), "kinematic", True, "commissioning")
     text = page.read_text()
-    assert "16 of 19 steps passed" in text and "simulated" in text and text.count("not tried") == 3
+    assert "16 of 20 steps passed" in text and "simulated" in text and text.count("not tried") == 4
     assert text.count("<svg") >= 5 and "src=" not in text
 
 
@@ -174,7 +174,12 @@ def test_a_fault_fails_exactly_its_step_and_leaves_the_arms_stopped(name: str) -
 def test_a_scripted_run_that_fails_fails_its_step(
     broken: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    order = {"hold": "grasp a cloth", "approved_fold": "one fold", "stop_in_fold": "stop in a fold"}
+    order = {
+        "hold": "grasp a cloth",
+        "pull": "pull until it slips",
+        "approved_fold": "one fold",
+        "stop_in_fold": "stop in a fold",
+    }
 
     def run_script(script: Any, settings: Any, logs: Path, **_: Any) -> Any:
         bad = order[script.name] == broken
