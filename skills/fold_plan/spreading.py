@@ -10,10 +10,11 @@ lies, slowly and low over the table, two at a time if possible, so that they als
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+import shapely
 
 from foldcell.skills.fold_plan.plan import RELEASE_CLEARANCE
 from foldcell.skills.vocabulary import (
@@ -30,7 +31,7 @@ from foldcell.skills.vocabulary import (
     frozen,
 )
 
-__all__ = ["AWAY", "Pull", "plan_pulls", "pulls_home", "spread_arcs", "spread_step"]
+__all__ = ["AWAY", "Pull", "lies_on", "plan_pulls", "pulls_home", "spread_arcs", "spread_step"]
 
 AWAY = 0.030
 """A corner that lies nearer than this to its place counts as lying there [m]. Recognition moves the plan by as
@@ -53,13 +54,25 @@ HEIGHT = 0.05
 stays on the table and holds it."""
 
 
+OUTWARD = 0.25
+"""Least share of a pull that leads away from the cloth beside the corner. A corner that is pulled into the cloth
+heaps it up."""
+FOLLOWS = 0.008
+"""A boundary that lies nearer than this to an edge of the flat garment follows it [m]."""
+LEAST_FOLLOWED = 0.3
+"""It follows at least this share of each edge beside a corner that is folded over."""
+LEAST_FLAP = 0.025
+"""Least distance of the tip of a folded corner from its crease [m]."""
+
+
 @dataclass(frozen=True, eq=False)
 class Pull:
     """The path of one hand in a pull. grasp, target: (2,) middle of the held line at its start and at its end
-    [m]."""
+    [m]. upper: whether the hand takes the upper of two layers only."""
 
     grasp: Array
     target: Array
+    upper: bool = False
 
     @property
     def length(self) -> float:
@@ -68,12 +81,15 @@ class Pull:
 
 @dataclass(frozen=True, eq=False)
 class _Match:
-    """A corner of the silhouette and the index of the place to which it may belong. away: distance of the corner
-    from this place [m]."""
+    """A corner of the silhouette and the index of the place to which it may belong. order: index of the corner
+    along the boundary; away: distance of the corner from this place [m]; pull: towards the place, as far as the
+    table allows."""
 
     corner: Corner
+    order: int
     place: int
     away: float
+    pull: Pull
 
 
 def plan_pulls(
@@ -82,42 +98,89 @@ def plan_pulls(
     places: Sequence[Corner],
     table: Table,
     takeable: Callable[[Array], bool],
+    fruitless: int = 0,
 ) -> Outcome[tuple[Pull, ...]]:
     """Choose one or two corners of a silhouette and pull them to the places of the garment's corners.
 
     contour: (n, 2) boundary of the silhouette [m]. corners: corners of this boundary. places: where the corners of
     the garment would lie if it were spread. table: its edges bound the pulls. takeable: whether a hand can take
-    all cloth at a point (2,).
+    all cloth at a point (2,). fruitless: number of pulls in a row that have not enlarged the covered area; as many
+    of the best pulls are left out.
 
-    A pull may drag the whole heap along. Therefore a pull that would drag the heap over the table's edge is not
-    planned. Of all pairs of corners that can be pulled at once, the pair that is nearest to its places is chosen,
-    because it is the least doubtful. Fails with HEAPED, with the reason, if no corner can be pulled.
+    A pull may drag the whole heap along. Therefore it ends before the heap could come to the table's edge, and
+    another pull may go on from there. Corners belong to places in their order along the boundary. Of all pairs of
+    corners that can be pulled at once, the pair that is nearest to its places is chosen, because it is the least
+    doubtful. The other hand holds the garment behind a single pull. A corner that lies on the garment is unfolded
+    first. Fails with HEAPED, with the reason, if no corner can be pulled.
     """
-    if not all(_on(table, place.point) for place in places):
+    if not all(lies_on(table, place.point) for place in places):
         return Outcome(failure=_impossible("it would reach over the table's edge"))
     held = [k for k, place in enumerate(places) if _nearest(place, corners) < AWAY]
     missing = [k for k in range(len(places)) if k not in held]
-    loose = [c for c in corners if _nearest(c, places) >= AWAY]
     if not missing:
         return Outcome(failure=_impossible("every corner lies in its place, and the cloth between them does not"))
-    if not loose:
+    loose = [i for i, c in enumerate(corners) if _nearest(c, places) >= AWAY]
+    lying = [(min(range(len(corners)), key=lambda i: _distance(corners[i], places[h])), h) for h in held]
+    flaps = tuple(_flaps(contour, places, missing, table))
+    if not flaps and not loose:
         return Outcome(failure=_impossible("no corner of its outline can be told from cloth that lies in place"))
-    within = [c for c in loose if takeable(_grasp(c)) and _on(table, _grasp(c))]
-    if not within:
+    within = [i for i in loose if takeable(_grasp(corners[i])) and lies_on(table, _grasp(corners[i]))]
+    if not flaps and not within:
         return Outcome(failure=_impossible("no hand can take all cloth at a corner of its outline"))
     matches = [
-        _Match(corner, k, away)
-        for corner, k in itertools.product(within, missing)
-        if AWAY <= (away := _distance(corner, places[k])) <= LONGEST
-        and all(_on(table, point) for point in contour + (_grasp(places[k]) - _grasp(corner)))
-        and all(_distance(corner, places[h]) <= _distance(places[k], places[h]) + STRETCH for h in held)
+        _Match(corner, i, k, away, pull)
+        for i, k in itertools.product(within, missing)
+        if AWAY <= (away := _distance(corner := corners[i], places[k])) <= LONGEST
+        and (pull := _pull(_grasp(corner), _grasp(places[k]), contour, table)).length >= AWAY
+        and float((places[k].point - corner.point) @ corner.inward) < -OUTWARD * away
+        and all(_distance(corner, corners[c]) <= _distance(places[k], places[h]) + STRETCH for c, h in lying)
+        and _in_order((*lying, (i, k)))
     ]
-    couples = [c for c in itertools.combinations(matches, 2) if _possible(*c, places)]
-    chosen: Sequence[_Match] = min(couples, key=lambda c: c[0].away + c[1].away, default=())
-    chosen = chosen or sorted(matches, key=lambda m: m.away)[:1]
-    if not chosen:
+    couples = [
+        (a, b) for a, b in itertools.combinations(matches, 2)
+        if _possible(a, b, places) and _in_order((*lying, (a.order, a.place), (b.order, b.place)))
+    ]  # fmt: skip
+    free = [g for i, _ in lying if takeable(g := _grasp(corners[i])) and lies_on(table, g)]
+    ranked: list[tuple[Pull, ...]] = [
+        *((flap,) for flap in flaps),
+        *((a.pull, b.pull) for a, b in sorted(couples, key=lambda c: c[0].away + c[1].away)),
+        *((m.pull, *_anchor(m.pull, free)) for m in sorted(matches, key=lambda m: m.away)),
+    ]
+    if fruitless >= len(ranked):
         return Outcome(failure=_impossible("no corner of its outline has a place within reach to be pulled to"))
-    return Outcome(tuple(Pull(_grasp(m.corner), _grasp(places[m.place])) for m in chosen))
+    return Outcome(ranked[fruitless])
+
+
+def _flaps(contour: Array, places: Sequence[Corner], missing: Sequence[int], table: Table) -> Iterator[Pull]:
+    """Yield the pull that unfolds the only missing corner, if it lies on the garment: the boundary follows both
+    edges that meet at the corner's place, and cuts the corner off. The corner lies as far behind this crease as
+    its place lies before it."""
+    garment = shapely.Polygon(contour).buffer(-FOLLOWS)
+    for k in missing if len(missing) == 1 else ():
+        place = places[k]
+        ends = [_followed(contour, place, places[j]) for j in (k - 1, (k + 1) % len(places))]
+        a, b = (np.full(2, np.nan) if end is None else end for end in ends)
+        length = float(np.linalg.norm(b - a))
+        if not length > LEAST_FLAP:
+            continue
+        crease = (b - a) / length
+        tip, grasp = (2.0 * (a + (q - a) @ crease * crease) - q for q in (place.point, _grasp(place)))
+        pull = replace(_pull(grasp, _grasp(place), contour, table), upper=True)
+        if np.linalg.norm(tip - place.point) > 2.0 * LEAST_FLAP < 2.0 * pull.length and garment.contains(
+            shapely.Point(grasp)
+        ):
+            yield pull
+
+
+def _followed(contour: Array, corner: Corner, neighbour: Corner) -> Array | None:
+    """Return the last point (2,) of the contour (n, 2) that lies on the edge from `neighbour` to `corner`; None if
+    the contour follows less than `LEAST_FOLLOWED` of it."""
+    edge = corner.point - neighbour.point
+    length = float(np.linalg.norm(edge))
+    along = (contour - neighbour.point) @ edge / length
+    aside = np.abs((contour - neighbour.point) @ np.array([-edge[1], edge[0]])) / length
+    along[(aside > FOLLOWS) | (along > length + FOLLOWS)] = -np.inf
+    return contour[along.argmax()] if along.max() > LEAST_FOLLOWED * length else None
 
 
 def pulls_home(places: Sequence[Corner], home: Sequence[Corner], table: Table) -> Outcome[tuple[Pull, ...]]:
@@ -141,7 +204,7 @@ def pulls_home(places: Sequence[Corner], home: Sequence[Corner], table: Table) -
         return Outcome(failure=_impossible("no edge of it leads to where it lay"))
     _, *ends = max(leading)
     pulls = tuple(Pull(_grasp(places[k]), _grasp(home[k])) for k in ends)
-    if not all(_on(table, p.grasp) and _on(table, p.target) and p.length <= LONGEST for p in pulls):
+    if not all(lies_on(table, p.grasp) and lies_on(table, p.target) and p.length <= LONGEST for p in pulls):
         return Outcome(failure=_impossible("it lies out of reach of where it lay"))
     return Outcome(pulls)
 
@@ -161,7 +224,9 @@ def spread_step(name: str, index: int, pulls: Sequence[Pull], thickness: float) 
         index=index,
         line=FoldLine(frozen(middle), frozen(np.array([way[1], -way[0]]))),
         earlier=(),
-        grasps={i: Grasp(frozen(p.grasp), _across(p), 1, thickness) for i, p in by_id.items()},
+        grasps={
+            i: Grasp(frozen(p.grasp), _across(p, way), 1, (1 + p.upper) * thickness) for i, p in by_id.items()
+        },
         targets={i: frozen(np.append(p.target, RELEASE_CLEARANCE)) for i, p in by_id.items()},
     )
 
@@ -186,6 +251,31 @@ def _possible(a: _Match, b: _Match, places: Sequence[Corner]) -> bool:
     return min(lengths) >= APART and lengths[0] <= lengths[1] + STRETCH and float(between @ aim) > 0.0
 
 
+def _pull(grasp: Array, target: Array, contour: Array, table: Table) -> Pull:
+    """Return the pull from `grasp` towards `target` (2,), as long as the contour (n, 2) would stay on the table if
+    it were dragged along."""
+    way, least, most = target - grasp, *_margins(table)
+    room = np.where(way > 0.0, most - contour.max(axis=0), contour.min(axis=0) - least)
+    with np.errstate(divide="ignore"):
+        share = float(np.clip((room / np.abs(way)).min(), 0.0, 1.0)) * (1.0 - 1e-9)
+    stays = lies_on(table, contour + share * way)
+    return Pull(grasp, frozen(grasp + share * way if stays else grasp))
+
+
+def _anchor(pull: Pull, grasps: Sequence[Array]) -> tuple[Pull, ...]:
+    """Return the pull of no length with which the other hand holds the garment at the grasp that lies farthest
+    behind the pull, so that the cloth between both becomes taut; none if all lie beside the pull or ahead."""
+    way = pull.target - pull.grasp
+    behind = min(grasps, key=lambda g: float(g @ way), default=pull.grasp)
+    return (Pull(behind, behind),) if float((pull.grasp - behind) @ way) > APART * pull.length else ()
+
+
+def _in_order(pairs: Sequence[tuple[int, int]]) -> bool:
+    """Whether corners come in the order of their places, both counter-clockwise. pairs: indices of both."""
+    around = [place for _, place in sorted(pairs)]
+    return sum(a > b for a, b in zip(around, around[1:] + around[:1], strict=True)) <= 1
+
+
 def _distance(a: Corner, b: Corner) -> float:
     return float(np.linalg.norm(a.point - b.point))
 
@@ -198,11 +288,16 @@ def _grasp(corner: Corner) -> Array:
     return frozen(corner.point + INSET * corner.inward)
 
 
-def _on(table: Table, point: Array) -> bool:
-    return bool(
-        table.x[0] + MARGIN <= point[0] <= table.x[1] - MARGIN
-        and table.y[0] + MARGIN <= point[1] <= table.y[1] - MARGIN
-    )
+def lies_on(table: Table, points: Array) -> bool:
+    """Whether points (2,) or (n, 2) keep the margin from the table's edge."""
+    least, most = _margins(table)
+    return bool((least <= points).all() and (points <= most).all())
+
+
+def _margins(table: Table) -> tuple[Array, Array]:
+    """Return the smallest and the largest coordinates (2,) that keep the margin from the table's edge [m]."""
+    x, y = np.array([table.x, table.y])
+    return np.array([x[0], y[0]]) + MARGIN, np.array([x[1], y[1]]) - MARGIN
 
 
 def _side(pull: Pull) -> GraspId:
@@ -210,9 +305,10 @@ def _side(pull: Pull) -> GraspId:
     return GraspId.LEFT if pull.grasp[1] + pull.target[1] > 0.0 else GraspId.RIGHT
 
 
-def _across(pull: Pull) -> float:
-    """Return the heading of the held line, across the pull, within a quarter turn of table x [rad]."""
-    way = pull.target - pull.grasp
+def _across(pull: Pull, otherwise: Array) -> float:
+    """Return the heading of the held line, across the pull, within a quarter turn of table x [rad]. otherwise:
+    direction (2,) for a hand that only holds the cloth."""
+    way = pull.target - pull.grasp if pull.length else otherwise
     heading = float(np.arctan2(way[1], way[0])) + 0.5 * np.pi
     return float((heading + 0.5 * np.pi) % np.pi - 0.5 * np.pi)
 

@@ -9,7 +9,7 @@ flat garment suggest a place; the place at which the longest part of the boundar
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -33,6 +33,8 @@ SHARPEST_BEND = np.deg2rad(140.0)
 SAME_LENGTH = 0.012
 """Two corners may be those of the flat garment if their distance agrees within this [m]: the corners of a
 silhouette and of the flat outline are each known to about 5 mm."""
+MOST_RUCKED = 0.035
+"""They may also be nearer to each other by this, because of a ruck between them [m]."""
 COINCIDES = 0.010
 """Boundaries that lie nearer to each other than this coincide [m]."""
 FURTHEST, MOST_TURNED = 0.40, np.deg2rad(60.0)
@@ -76,13 +78,17 @@ def convex_corners(contour: Array) -> tuple[Corner, ...]:
 
 
 def place_outline(
-    contour: Array, corners: Sequence[Corner], flat: Array, flat_corners: Sequence[Corner]
+    contour: Array,
+    corners: Sequence[Corner],
+    flat: Array,
+    flat_corners: Sequence[Corner],
+    possible: Callable[[Array], bool] = lambda outline: True,
 ) -> Placement:
     """Return the place of the flat outline (m, 2) at which most of its boundary coincides with a silhouette's
     contour (n, 2) [m].
 
-    corners: of the contour; flat_corners: of the flat outline. Without a better place, it is where the garment
-    lay.
+    corners: of the contour; flat_corners: of the flat outline. possible: whether the flat outline (m, 2) may lie
+    at a place. Without a better place, it is where the garment lay.
     """
     boundary = cKDTree(resample_closed(np.asarray(contour), STEP))
     samples = resample_closed(np.asarray(flat), STEP)
@@ -98,7 +104,7 @@ def place_outline(
         itertools.permutations(corners, 2), itertools.combinations(flat_corners, 2)
     ):
         seen, lay = q.point - p.point, b.point - a.point
-        if abs(np.linalg.norm(seen) - np.linalg.norm(lay)) > SAME_LENGTH:
+        if not -MOST_RUCKED <= np.linalg.norm(seen) - np.linalg.norm(lay) <= SAME_LENGTH:
             continue
         turn = np.arctan2(lay[0] * seen[1] - lay[1] * seen[0], lay @ seen)
         R = rotation(turn)
@@ -106,6 +112,6 @@ def place_outline(
         if abs(turn) > MOST_TURNED or np.linalg.norm(R @ middle + t - middle) > FURTHEST:
             continue
         found = share(R, t)
-        if found > max(least, best.share):
+        if found > max(least, best.share) and possible(samples @ R.T + t):
             best = Placement(frozen(R), frozen(t), found)
     return best

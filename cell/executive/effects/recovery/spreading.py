@@ -3,6 +3,7 @@ recognition decides whether the garment lies flat, and the fold is planned anew 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -15,7 +16,15 @@ from foldcell.cell.states.stages import FirstLook, Plan, Spread
 from foldcell.cell.states.transition_table import Event
 from foldcell.robots.errors import Failure, FailureKind
 from foldcell.robots.ports import Array, CameraFrame, frozen
-from foldcell.skills.fold_plan.spreading import AWAY, Pull, plan_pulls, pulls_home, spread_arcs, spread_step
+from foldcell.skills.fold_plan.spreading import (
+    AWAY,
+    Pull,
+    lies_on,
+    plan_pulls,
+    pulls_home,
+    spread_arcs,
+    spread_step,
+)
 from foldcell.skills.perception.monitoring.flat_placement import Placement, convex_corners, place_outline
 from foldcell.skills.perception.outline import polygon_area
 from foldcell.skills.perception.perceive import Perception
@@ -24,7 +33,7 @@ from foldcell.skills.perception.registration.alignment import align
 from foldcell.skills.perception.segmentation.table_model import KNOWN_SHARE
 from foldcell.skills.state_estimate.observation import Observation, observe
 from foldcell.skills.trajectory.arcs.paths import fold_duration
-from foldcell.skills.vocabulary import Corner, GraspTrajectory, Outcome
+from foldcell.skills.vocabulary import Corner, GraspTrajectory, Outcome, Table
 
 __all__ = ["SPREAD_AREA", "choose_pull", "lies_elsewhere", "not_spread", "spreadable"]
 
@@ -83,8 +92,8 @@ def spreadable(cell: Workcell, context: RunContext, kind: FailureKind) -> bool:
 def choose_pull(cell: Workcell, context: RunContext, plan: Plan, first: FirstLook, frame: CameraFrame) -> Result:
     """Plan the next pull from the picture. Motion planning follows, as for a fold.
 
-    Fails with HEAPED if the last pull has not enlarged the covered area, or if no pull is possible; the cell then
-    asks.
+    After a pull that has not enlarged the covered area, the next best one is planned. Fails with HEAPED if no pull
+    is possible; the cell then asks.
     """
     sight, fold = context.sight, context.fold
 
@@ -99,29 +108,35 @@ def choose_pull(cell: Workcell, context: RunContext, plan: Plan, first: FirstLoo
         )
         if seen.failure:
             return Outcome(failure=seen.failure)
-        return Outcome((seen.unwrap(), _places(seen.unwrap().contour, plan, first)))
+        return Outcome((seen.unwrap(), _places(seen.unwrap(), plan, first, cell.table)))
 
     seen, places = context.need(cell.compute(cell.settings.computing.inspection_s, work))
     covered, flat = abs(polygon_area(seen.contour)), abs(polygon_area(first.contour))
     record: dict[str, object] = {"covered_m2": covered, "flat_m2": flat}
     home = covered >= SPREAD_AREA * flat and _displaced(places)
-    if fold.covered and not home and covered - fold.covered[-1] <= GROWTH * flat:
-        failure = Failure(
-            FailureKind.HEAPED,
-            f"the last pull has not spread the garment: it covers {_cm2(covered)} of {_cm2(flat)}, "
-            f"before the pull {_cm2(fold.covered[-1])}",
-            _HINT,
-            {"covered_m2": covered, "before_m2": fold.covered[-1]},
-        )
-        return _failed(context, failure, record)
+    fruitless = _fruitless((*fold.covered, covered), GROWTH * flat)
     planned = (
         pulls_home(places.now, places.home, cell.table)
         if home
         else plan_pulls(
-            seen.contour, convex_corners(seen.contour), places.now, cell.table, _takeable(cell, context, seen)
+            seen.contour,
+            convex_corners(seen.contour),
+            places.now,
+            cell.table,
+            _takeable(cell, context, seen),
+            fruitless,
         )
     )
-    if planned.failure is None and not _visible(seen, places):
+    if planned.failure and fruitless and not home:
+        failure = Failure(
+            FailureKind.HEAPED,
+            f"the last pull has not spread the garment: it covers {_cm2(covered)} of {_cm2(flat)}, "
+            f"before the pull {_cm2(fold.covered[-1])}, and no other pull is left",
+            _HINT,
+            {"covered_m2": covered, "before_m2": fold.covered[-1]},
+        )
+        return _failed(context, failure, record)
+    if planned.failure is None and not _visible(seen, np.array([corner.point for corner in places.now])):
         planned = Outcome(
             failure=Failure(FailureKind.HEAPED, "the spread garment would reach out of the camera's view", _HINT)
         )
@@ -168,11 +183,22 @@ def lies_elsewhere(context: RunContext, contour: Array) -> bool:
     return bool(np.linalg.norm(R @ middle + t - middle) > AWAY or abs(np.arctan2(R[1, 0], R[0, 0])) > TURNED)
 
 
-def _places(contour: Array, plan: Plan, first: FirstLook) -> _Places:
-    """Return where the corners of the flat garment belong. contour: (n, 2) the silhouette's [m]."""
+def _fruitless(covered: Sequence[float], least: float) -> int:
+    """Return how many pulls in a row, the last one included, have not enlarged the covered area by `least` [m2].
+    covered: before the first pull and after each [m2]."""
+    grown = [after - before > least for before, after in itertools.pairwise(covered)]
+    return sum(1 for _ in itertools.takewhile(lambda g: not g, reversed(grown)))
+
+
+def _places(seen: Observation, plan: Plan, first: FirstLook, table: Table) -> _Places:
+    """Return where the corners of the flat garment belong, on the table and in the camera's view."""
     flat = plan.flat.contour
     lay = convex_corners(flat)
-    placement = place_outline(contour, convex_corners(contour), flat, lay)
+
+    def possible(outline: Array) -> bool:
+        return lies_on(table, outline) and _visible(seen, outline)
+
+    placement = place_outline(seen.contour, convex_corners(seen.contour), flat, lay, possible)
     R, t = _way_home(plan, first)
     return _Places(
         tuple(_moved(c, placement.R, placement.t) for c in lay), tuple(_moved(c, R, t) for c in lay), placement
@@ -205,21 +231,21 @@ def _takeable(cell: Workcell, context: RunContext, seen: Observation) -> Callabl
     highest = cell.settings.gripper.pads.depth
 
     def takeable(point: Array) -> bool:
-        row, column = _pixel(seen, point)
-        return bool(float(height[row, column]) - bias <= highest)
+        return bool(height[_pixels(seen, point[None])][0] - bias <= highest)
 
     return takeable
 
 
-def _pixel(seen: Observation, point: Array) -> tuple[int, int]:
-    column, row = np.round(seen.view.to_pixel(np.asarray(point)[None])[0]).astype(int)
-    rows, columns = seen.mask.shape
-    return int(np.clip(row, 0, rows - 1)), int(np.clip(column, 0, columns - 1))
+def _pixels(seen: Observation, points: Array) -> tuple[Array, Array]:
+    """Return the rows and the columns (n,) of the pixels that show points (n, 2)."""
+    columns, rows = np.round(seen.view.to_pixel(points)).astype(int).T
+    height, width = seen.mask.shape
+    return np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)
 
 
-def _visible(seen: Observation, places: _Places) -> bool:
-    """Whether the camera sees all corners of the spread garment."""
-    return all(bool(seen.view.valid[_pixel(seen, corner.point)]) for corner in places.now)
+def _visible(seen: Observation, points: Array) -> bool:
+    """Whether the camera sees all points (n, 2)."""
+    return bool(seen.view.valid[_pixels(seen, points)].all())
 
 
 def _failed(context: RunContext, failure: Failure, record: dict[str, object]) -> Result:

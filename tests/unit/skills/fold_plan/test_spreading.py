@@ -21,6 +21,7 @@ from foldcell.skills.fold_plan.spreading import (
     spread_step,
 )
 from foldcell.skills.perception.monitoring.flat_placement import convex_corners
+from foldcell.skills.perception.outline import resample_closed
 from foldcell.skills.vocabulary import Corner, GraspId, Table
 
 TABLE = Table(-0.1, (0.20, 1.10), (-0.75, 0.75))
@@ -48,9 +49,10 @@ def tips(pull: Pull, corner: tuple[float, float]) -> bool:
 
 def test_the_corner_that_left_its_place_is_pulled_back_there() -> None:
     drawn_in = corners((0.40, -0.30), (0.80, -0.30), (0.72, 0.20), (0.40, 0.30))
-    (pull,) = plan_pulls(outline_of(drawn_in), drawn_in, PLACES, TABLE, anywhere).unwrap()
+    pull, anchor = plan_pulls(outline_of(drawn_in), drawn_in, PLACES, TABLE, anywhere).unwrap()
     assert tips(pull, (0.72, 0.20))
     assert np.linalg.norm(pull.target - FLAT[2]) < INSET + 0.002
+    assert tips(anchor, (0.40, -0.30)) and anchor.length == 0.0, "the other hand holds the opposite corner"
 
 
 def test_two_corners_that_left_their_places_are_pulled_at_once_each_to_its_own() -> None:
@@ -65,6 +67,44 @@ def test_no_corner_is_pulled_further_from_the_parts_that_lie_flat_than_the_cloth
     wide = corners((0.40, -0.30), (0.80, -0.30), (0.86, 0.42), (0.40, 0.30))
     outcome = plan_pulls(outline_of(wide), wide, PLACES, TABLE, anywhere)
     assert outcome.failure is not None and "within reach" in outcome.failure.what
+
+
+def test_no_corner_is_pushed_into_the_garment() -> None:
+    """The garment lies 0.15 m further left than its places: to pull its right corners there would heap it up."""
+    beside = corners((0.40, -0.15), (0.80, -0.15), (0.75, 0.40), (0.45, 0.40))
+    for fruitless in range(4):
+        outcome = plan_pulls(outline_of(beside), beside, PLACES, TABLE, anywhere, fruitless)
+        for pull in outcome.value or ():
+            assert not pull.length or (pull.target - pull.grasp) @ (pull.grasp - [0.6, 0.1]) > 0.0
+
+
+def test_after_a_pull_in_vain_another_is_tried_until_none_is_left() -> None:
+    rucked = corners((0.40, -0.30), (0.80, -0.30), (0.76, 0.18), (0.43, 0.20))
+    planned = [plan_pulls(outline_of(rucked), rucked, PLACES, TABLE, anywhere, n).value for n in range(4)]
+    first, *others, none = planned
+    assert first and all(others) and none is None
+    assert [sum(pull.length > 0.0 for pull in pulls or ()) for pulls in planned] == [2, 1, 1, 0]
+    assert len({tuple(np.round([p.grasp[0], *p.target], 3)) for pulls in others for p in (pulls or ())[:1]}) == 2
+
+
+def test_a_pull_towards_the_edge_of_the_table_ends_before_the_heap_could_come_to_it() -> None:
+    near = Table(-0.1, (0.29, 1.10), (-0.75, 0.75))
+    drawn_in = corners((0.39, -0.30), (0.80, -0.30), (0.80, 0.30), (0.52, 0.30))
+    pull, _ = plan_pulls(outline_of(drawn_in), drawn_in, PLACES, TABLE, anywhere).unwrap()
+    short, _ = plan_pulls(outline_of(drawn_in), drawn_in, PLACES, near, anywhere).unwrap()
+    assert short.length < pull.length - 0.05
+    assert (outline_of(drawn_in) + (short.target - short.grasp))[:, 0].min() == pytest.approx(0.34)
+
+
+def test_a_corner_that_lies_on_the_garment_is_unfolded_over_its_crease() -> None:
+    folded = np.array([[0.40, -0.30], [0.80, -0.30], [0.80, 0.16], [0.70, 0.30], [0.40, 0.30]])
+    contour = resample_closed(folded, 0.004)
+    (pull,) = plan_pulls(contour, convex_corners(contour), PLACES, TABLE, anywhere).unwrap()
+    crease = (folded[3] - folded[2]) / np.linalg.norm(folded[3] - folded[2])
+    mirrored = 2.0 * (folded[2] + (FLAT[2] - folded[2]) @ crease * crease) - FLAT[2]
+    assert pull.upper and tips(pull, tuple(mirrored)) and np.linalg.norm(pull.target - FLAT[2]) < INSET + 0.002
+    (grasp,) = spread_step("half", 0, (pull,), THICKNESS).grasps.values()
+    assert grasp.layers == 1 and not grasp.whole_stack(THICKNESS), "the garment under the corner stays where it is"
 
 
 @pytest.mark.parametrize(
@@ -105,7 +145,7 @@ def test_no_pull_leaves_the_table_or_is_longer_than_allowed(
     assert 1 <= len(pulls) <= 2
     for pull in pulls:
         assert pull.length <= LONGEST + 2.0 * INSET
-        dragged = contour + (pull.target - pull.grasp)
+        dragged = contour + (pull.target - pull.grasp) if pull.length else ()  # a hand that holds drags nothing
         for x, y in (pull.grasp, pull.target, *dragged, *(p.point for p in places)):
             assert TABLE.x[0] + MARGIN <= x <= TABLE.x[1] - MARGIN
             assert TABLE.y[0] + MARGIN <= y <= TABLE.y[1] - MARGIN

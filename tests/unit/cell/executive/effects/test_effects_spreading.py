@@ -91,10 +91,10 @@ def test_what_recognition_refuses_is_spread_only_after_another_pull(kind: Failur
 
 
 @pytest.mark.parametrize(
-    "changes", [{"index": 1, "steps": (HALF, HALF)}, {"pulls": 3}, {"spread": False}, {"first_look": None}]
+    "changes", [{"index": 1, "steps": (HALF, HALF)}, {"pulls": 4}, {"spread": False}, {"first_look": None}]
 )
 def test_a_heap_is_not_spread_in_later_folds_nor_without_bound_nor_in_vain(changes: dict[str, Any]) -> None:
-    assert load_settings().recovery.pulls == 3
+    assert load_settings().recovery.pulls == 4
     assert chosen(heaped(**changes), K.HEAPED, 2) is Event.GIVE_UP
 
 
@@ -103,8 +103,13 @@ def test_the_corner_of_a_heap_is_pulled_to_where_it_belongs(monkeypatch: pytest.
     result = EFFECTS[Effect.PLAN_SPREAD](fake_workcell(FakeCell()), heaped())
     fold = result.context.fold
     assert result.event is Event.DONE and isinstance(fold.repair, Spread) and fold.pulls == 1
-    (pull,) = fold.repair.step.targets.values()
-    assert np.linalg.norm(STATE.contour - pull[:2], axis=1).min() < 0.025
+    step = fold.repair.step
+    lengths = {i: float(np.linalg.norm(t[:2] - step.grasps[i].point)) for i, t in step.targets.items()}
+    assert sorted(lengths.values()) == pytest.approx([0.0, DRAWN_IN], abs=0.015), (
+        "the other hand holds the garment"
+    )
+    for target in step.targets.values():
+        assert np.linalg.norm(STATE.contour - target[:2], axis=1).min() < 0.025
     assert "corner" in fold.repair.in_words() and not fold.repair.home
     assert fold.repair.aim == pytest.approx(FLAT, abs=0.01)
     plan = result.context.plan
@@ -123,6 +128,7 @@ def test_the_next_look_recognises_the_garment_anew(monkeypatch: pytest.MonkeyPat
 
 
 def test_a_pull_that_did_not_help_is_not_followed_by_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    """There is none left: one corner only lies beside its place."""
     sees(monkeypatch, heap())
     cell = fake_workcell(FakeCell())
     first = EFFECTS[Effect.PLAN_SPREAD](cell, heaped())
