@@ -99,7 +99,6 @@ def test_the_camera_is_found_within_its_own_standard_deviations() -> None:
 @pytest.mark.parametrize(
     ("shown", "word"),
     [
-        (lambda: views(4, 0.1), "4 views"),
         (lambda: views(20, 0.1, lean=0.02), "alike"),
         (lambda: views(20, 2.0), "miss"),
         (lambda: views(20, 0.1, radial=-0.08), "pinhole"),
