@@ -148,9 +148,7 @@ def main() -> int:
     garment, seed = (*sys.argv[1:], *DEFAULT[len(sys.argv) - 1 :])
     settings, film = load_settings(), RunFilm()
     with tempfile.TemporaryDirectory() as logs:
-        request = FoldRequest(
-            garment, int(seed), "sim", settings, None, Path(logs), record=False, record_truth=False
-        )
+        request = FoldRequest(garment, int(seed), "sim", settings, Path(logs), record=False, record_truth=False)
         result = fold_once(request, film.watch, (film,))
     assert film.scene is not None
     chosen = [film.moments[i] for i in np.linspace(0, len(film.moments) - 1, FRAMES).round().astype(int)]

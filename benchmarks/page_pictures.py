@@ -157,7 +157,7 @@ def _run(
         return addresses[0]
 
     request = FoldRequest(
-        GARMENT, SEED, "sim", load_settings(), None, logs, approve=True, terminal=False, page=True, realtime=True,
+        GARMENT, SEED, "sim", load_settings(), logs, approve=True, terminal=False, page=True, realtime=True,
         quiet=True,
     )  # fmt: skip
     said = run_observers.say

@@ -78,7 +78,7 @@ def record(script: Path, folder: Path, tell: Callable[[str], None] = print) -> N
     director = Director(own.do, load_robot(settings).q_park, tell, own.seed, own.limit_s)
     with tempfile.TemporaryDirectory() as logs:
         request = FoldRequest(
-            garment=own.garment_named, seed=own.seed, driver="sim", settings=settings, settings_path=None,
+            garment=own.garment_named, seed=own.seed, driver="sim", settings=settings,
             logs=Path(logs), approve=own.attended, terminal=False, quiet=True, record=False,
         )  # fmt: skip
 

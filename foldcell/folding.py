@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING
@@ -66,7 +65,6 @@ def fold(
         seed=seed,
         driver=text(driver, "driver"),
         settings=checked,
-        settings_path=path(settings, "settings") if isinstance(settings, str | os.PathLike) else None,
         approve=flag(approve, "approve"),
         record=flag(record, "record"),
         quiet=flag(quiet, "quiet"),

@@ -62,7 +62,7 @@ def fold_request(
     settings = {"recorder": FEW_PICTURES, **settings}
     path.write_text(yaml.safe_dump({k: dict(v) for k, v in settings.items()}), encoding="utf-8")
     return FoldRequest(
-        garment=garment, seed=seed, driver="sim", settings=load_settings(path), settings_path=path,
+        garment=garment, seed=seed, driver="sim", settings=load_settings(path),
         logs=folder / "logs", **options,
     )  # fmt: skip
 

@@ -80,7 +80,7 @@ def measure(tell: Callable[[str], None], rounds: int) -> dict[str, Any]:
 
 def _fold(options: dict[str, Any], walls: _Walls) -> RunRecord:
     with tempfile.TemporaryDirectory() as folder:
-        request = FoldRequest(GARMENT, SEED, "sim", load_settings(), None, Path(folder), quiet=True, **options)
+        request = FoldRequest(GARMENT, SEED, "sim", load_settings(), Path(folder), quiet=True, **options)
         return fold_once(request, observers=(walls,))
 
 

@@ -99,9 +99,7 @@ def _stopped_at(due: float) -> _Stop | None:
 
     with tempfile.TemporaryDirectory() as folder:
         settings, logs = load_settings(), Path(folder)
-        request = FoldRequest(
-            GARMENT, 1, "sim", settings, None, logs, quiet=True, record=False, record_truth=False
-        )
+        request = FoldRequest(GARMENT, 1, "sim", settings, logs, quiet=True, record=False, record_truth=False)
         fold_once(request, on_open)
     return clocks[0].stop
 

@@ -164,7 +164,7 @@ def open_stage(name: str, seed: int, logs: Path) -> Iterator[Stage]:
 def open_executive(name: str, ports: Ports, logs: Path) -> Iterator[Workcell]:
     """Assemble the workcell of a run with these ports."""
     settings = settings_of_stage()
-    request = FoldRequest(name, 0, "sim", settings, None, logs, quiet=True, record=False)
+    request = FoldRequest(name, 0, "sim", settings, logs, quiet=True, record=False)
     with ThreadPoolExecutor(1, "skill") as workers:
         yield assemble(
             request, load_robot(settings), ports, Recorder.silent(), CommandQueue(), workers, lambda text: None,

@@ -91,7 +91,7 @@ def _make_logs(logs: Path, trials: Path) -> str:
     with Journal.open(logs / "journal.db") as journal:
         for status in ("folded", "not_folded"):
             run = journal.begin_run(garment="small_towel", seed=1, driver="sim", versions={"numpy": "2"})
-            keep_request(run.directory, FoldRequest("small_towel", 1, "sim", settings, None, logs))
+            keep_request(run.directory, FoldRequest("small_towel", 1, "sim", settings, logs))
             run.result(run.intent(1.0, "looking", "look"), 1.5, {"event": "done"})
             run.end(status, {})
             (run.directory / "report.html").write_text("a report", encoding="utf-8")

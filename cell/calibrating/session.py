@@ -209,7 +209,7 @@ def _with_cell(
         interrupts.stop(opened.ports, asked=not opened.ports.simulated),
     ):
         ports = opened.ports
-        fold_request = FoldRequest("auto", request.seed, request.driver, request.settings, None, request.logs)
+        fold_request = FoldRequest("auto", request.seed, request.driver, request.settings, request.logs)
         cell = assemble(fold_request, robot, ports, Recorder.silent(), commands, workers, _ignore, _ignore)
         if not ports.simulated and sys.stdin is not None:
             TerminalOperator(commands, sys.stdin, sys.stderr, may=prompts.may).start()

@@ -99,7 +99,7 @@ def load_request(folder: Path, logs: Path, restored: Path | None = None, **chang
             f"the calibration has changed since the run {folder.name}: {', '.join(changed)}",
             "its observations and plans are void: start a new run",
         )
-    request = FoldRequest(settings=settings, settings_path=path, logs=logs, **kept)
+    request = FoldRequest(settings=settings, logs=logs, **kept)
     return replace(request, **changes)
 
 

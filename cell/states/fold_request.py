@@ -25,7 +25,6 @@ class FoldRequest:
     seed: int
     driver: str
     settings: CellSettings
-    settings_path: Path | None
     logs: Path
     live: bool = False
     approve: bool = False

@@ -33,7 +33,7 @@ def score_record(limits: dict[str, float] | None = None, **figures: Any) -> Scor
 def record_builder(
     garment: str = "small_towel", seed: int = 3, simulated: bool = True, resumed_from: str | None = None
 ) -> RunRecordBuilder:
-    request = FoldRequest(garment, seed, "sim" if simulated else "ros", load_settings(), None, Path("/logs"))
+    request = FoldRequest(garment, seed, "sim" if simulated else "ros", load_settings(), Path("/logs"))
     return RunRecordBuilder(request, simulated, Path("/logs/run-1"), 0.0, resumed_from)
 
 

@@ -96,7 +96,7 @@ def run_script(
     try:
         own = check_script(script, settings, driver)
         request = FoldRequest(
-            garment=script.garment_named, seed=script.seed, driver=driver, settings=own, settings_path=None,
+            garment=script.garment_named, seed=script.seed, driver=driver, settings=own,
             logs=logs, live=live, approve=script.attended,
             terminal=not is_simulated(driver), realtime=realtime, world=world,
             quiet=True,

@@ -97,7 +97,7 @@ def _this_version(request: TrialRequest, folder: Path) -> Trial:
 
     run = FoldRequest(
         garment=request.garment, seed=request.seed, driver=request.driver,
-        settings=request.cell, settings_path=None, logs=folder,
+        settings=request.cell, logs=folder,
         world=request.world, quiet=True,
     )  # fmt: skip
     if not request.actions:

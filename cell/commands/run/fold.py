@@ -49,7 +49,6 @@ def run(options: argparse.Namespace) -> int:
             seed=options.seed,
             driver=options.driver,
             settings=settings,
-            settings_path=options.cell,
             logs=logs,
             live=options.live,
             approve=options.approve,

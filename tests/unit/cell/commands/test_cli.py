@@ -42,7 +42,6 @@ class Request:
     seed: int
     driver: str
     settings: Any
-    settings_path: Path | None
     logs: Path
     live: bool
     approve: bool
@@ -180,7 +179,7 @@ def test_fold_passes_its_options_to_the_run(fake: FakeRun, tmp_path: Path) -> No
     assert main(line.split()) == 0
     (request,) = fake.requests
     assert (request.garment, request.seed, request.driver, request.world) == ("medium_towel", 7, "sim", "xpbd")
-    assert request.settings.motion.velocity_scale == 0.5 and request.settings_path == settings
+    assert request.settings.motion.velocity_scale == 0.5
     assert request.logs == tmp_path / "here" and request.logs.is_dir()
     assert request.live and request.realtime and not request.approve and request.quiet
 

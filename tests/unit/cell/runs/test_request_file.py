@@ -28,7 +28,7 @@ def test_a_request_is_read_back_with_the_exact_settings(tmp_path: Path) -> None:
     request = replace(request, page=True, page_port=8080, page_origin="http://localhost:9000")
     back = load_request(kept(tmp_path, request), request.logs, quiet=True)
     assert back.settings.fingerprint() == request.settings.fingerprint()
-    same = {f.name for f in fields(FoldRequest)} - {"settings", "settings_path"}
+    same = {f.name for f in fields(FoldRequest)} - {"settings"}
     assert {n: getattr(back, n) for n in same} == {n: getattr(request, n) for n in same}
 
 
