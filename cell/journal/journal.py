@@ -82,57 +82,42 @@ class Entry:
 
 @dataclass(frozen=True)
 class Intent:
-    """An effect. begun: the entry written before it began; result: the entry written after it ended, or None."""
+    """An effect.
 
+    state: in which it was performed. fold: index of the fold. attempt: number of adjustments that recoveries had
+    made to this fold. begun_s, ended_s: cell times [s]; ended_s is None if the run ended during the effect. event:
+    with which it ended. failure, what: kind of the failure with which it ended, and this failure in words; None if
+    it did not fail. begun, result: the entries written before it began and after it ended.
+    """
+
+    name: str
+    state: str
+    fold: int | None
+    attempt: int | None
+    begun_s: float
+    ended_s: float | None
+    event: str | None
+    failure: str | None
+    what: str | None
     begun: Entry
     result: Entry | None
 
-    @property
-    def name(self) -> str:
-        return self.begun.name
-
-    @property
-    def state(self) -> str:
-        return self.begun.state
-
-    @property
-    def fold(self) -> int | None:
-        """Index of the fold."""
-        return self.begun.payload.get("step")
-
-    @property
-    def attempt(self) -> int | None:
-        """Number of adjustments that recoveries had made to this fold."""
-        return self.begun.payload.get("attempt")
-
-    @property
-    def begun_s(self) -> float:
-        """Cell time [s]."""
-        return self.begun.cell_time
-
-    @property
-    def ended_s(self) -> float | None:
-        """Cell time [s]; None if the run ended during the effect."""
-        return self.result.cell_time if self.result else None
-
-    @property
-    def event(self) -> str | None:
-        """The event with which the effect ended."""
-        return self._outcome.get("event")
-
-    @property
-    def failure(self) -> str | None:
-        """Kind of the failure with which the effect ended; None if it did not fail."""
-        return self._outcome.get("kind")
-
-    @property
-    def what(self) -> str | None:
-        """That failure in words."""
-        return self._outcome.get("what")
-
-    @property
-    def _outcome(self) -> Mapping[str, Any]:
-        return self.result.payload if self.result else {}
+    @classmethod
+    def of(cls, begun: Entry, result: Entry | None) -> Self:
+        outcome = result.payload if result else {}
+        return cls(
+            name=begun.name,
+            state=begun.state,
+            fold=begun.payload.get("step"),
+            attempt=begun.payload.get("attempt"),
+            begun_s=begun.cell_time,
+            ended_s=result.cell_time if result else None,
+            event=outcome.get("event"),
+            failure=outcome.get("kind"),
+            what=outcome.get("what"),
+            begun=begun,
+            result=result,
+        )
 
 
 @dataclass(frozen=True)
@@ -338,7 +323,7 @@ class Journal:
 def performed(entries: Sequence[Entry]) -> list[Intent]:
     """Return the effects among a run's entries, in order. An effect that did not end has no result."""
     results = {e.answers: e for e in entries if e.kind == "result"}
-    return [Intent(e, results.get(e.sequence)) for e in entries if e.kind == "intent"]
+    return [Intent.of(e, results.get(e.sequence)) for e in entries if e.kind == "intent"]
 
 
 class RunJournal:

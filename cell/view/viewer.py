@@ -18,6 +18,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from foldcell.cell.support.files.paths import user_cache
+from foldcell.cell.support.files.whole_file import write_whole
 from foldcell.robots.errors import StorageError
 
 __all__ = ["FILES", "HOST", "find_viewer", "free_port", "silent_environment", "web_viewer_files"]
@@ -66,27 +67,20 @@ def web_viewer_files(cache: Path | None = None) -> Path:
     if all((folder / name).is_file() for name in FILES):
         return folder
     try:
-        cache.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=cache) as scratch:
-            new = Path(scratch) / "files"
-            new.mkdir()
-            _from_program(new, Path(scratch))
-            shutil.rmtree(folder, ignore_errors=True)
-            try:
-                new.rename(folder)
-            except OSError:  # another process was faster
-                if not folder.is_dir():
-                    raise
+        with tempfile.TemporaryDirectory() as home:
+            _from_program(folder, Path(home))
     except OSError as e:
         raise StorageError(f"the files of Rerun's web viewer cannot be read: {e}", HINT) from e
     return folder
 
 
 def _from_program(folder: Path, home: Path) -> None:
-    """Let the `rerun` program serve FILES on this machine, and store them in `folder`. Raises OSError."""
+    """Let the `rerun` program serve FILES on this machine, and store them in `folder`. home: folder in
+    which the program keeps its own files. Raises OSError, StorageError."""
     program = find_viewer()
     if program is None:
         raise FileNotFoundError("the program `rerun` is not installed")
+    folder.mkdir(parents=True, exist_ok=True)
     port = free_port(0)
     command = [
         str(program), "--serve-web", "--bind", "127.0.0.1", "--port", str(free_port(0)),
@@ -98,7 +92,7 @@ def _from_program(folder: Path, home: Path) -> None:
     ) as process:  # fmt: skip
         try:
             for name in FILES:
-                (folder / name).write_bytes(_fetched(f"http://127.0.0.1:{port}/{name}", process))
+                write_whole(folder / name, _fetched(f"http://127.0.0.1:{port}/{name}", process))
         finally:  # `rerun` may be a script that starts the program
             os.killpg(process.pid, 9)
 
