@@ -81,7 +81,7 @@ def draw_chart() -> str:
     try:
         import_module("graphviz")  # without it, `transitions` draws with another program
         svg: str = chart.get_graph().pipe(format="svg", encoding="utf-8")
-    except (ImportError, OSError) as e:
+    except (ImportError, OSError, RuntimeError) as e:  # graphviz raises a RuntimeError without `dot`
         raise ConfigurationError(
             f"the chart cannot be drawn: {e}", "install Graphviz (`dot`) and `pip install foldcell[docs]`"
         ) from e

@@ -146,3 +146,11 @@ def test_the_chart_of_an_installed_program_is_not_replaced(
     monkeypatch.setattr("foldcell.cell.commands.installation.chart.repository_root", lambda: None)
     assert main(["chart"]) == 64 and "--output SVG" in capsys.readouterr().err
     assert CHART.stat() == before
+
+
+def test_without_graphviz_the_chart_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert main(["chart", "--output", str(tmp_path / "chart.svg")]) == 64
+    assert "install Graphviz" in capsys.readouterr().err
