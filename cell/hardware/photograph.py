@@ -16,9 +16,8 @@ from foldcell.cell.support.files.picture_file import read_depth, read_picture
 from foldcell.robots.errors import ConfigurationError
 from foldcell.robots.ports import Array, CameraFrame, Intrinsics, frozen
 from foldcell.skills.garments.picture_measure import PictureMeasure
-from foldcell.skills.perception.perceive import Perception, perceive
+from foldcell.skills.perception.perceive import Perception, Sought, perceive
 from foldcell.skills.perception.rectification.table_view import TableView
-from foldcell.skills.perception.segmentation.mask import Segmentation
 from foldcell.skills.vocabulary import CameraCalibration, Outcome, Table
 
 __all__ = [
@@ -30,9 +29,10 @@ __all__ = [
     "read_photograph",
 ]
 
-LEAST_CONFIDENCE = 0.6
-"""Least accepted probability that the key points in a photograph are accurate. It is higher than in a run, because
-a garment file that is made from them is used again and again."""
+LEAST_CONFIDENCE, UNNAMED_CONFIDENCE = 0.6, 0.75
+"""Least accepted probability that the key points in a photograph are accurate; and of a garment that was not
+named, whose kind may be wrong, too. They are higher than in a run, because a garment file that is made from them
+is used again and again."""
 WIDTH, HEIGHT = 1.2, 2.0
 """For a picture by an unknown camera: assumed width of the table in the picture, and assumed height of the camera
 above the table [m]."""
@@ -64,7 +64,7 @@ def perceive_photograph(
     garment: str,
     unit: str,
     settings: CellSettings,
-    on_region: Callable[[TableView, Segmentation], None] | None = None,
+    on_region: Callable[[Sought], None] | None = None,
 ) -> tuple[Outcome[Perception], CameraFrame]:
     """Recognise the garment in the picture. Returns the outcome and the picture as a camera frame.
 
@@ -79,7 +79,8 @@ def perceive_photograph(
     garments = [load_garment(name, settings.surface) for name in names]
     frame = _frame(picture, calibration.intrinsics, 0)
     empty = _frame(reference, calibration.intrinsics, 1) if reference is not None else None
-    thresholds = replace(settings.perception.settings(), least_confidence=LEAST_CONFIDENCE)
+    least = UNNAMED_CONFIDENCE if garment == "auto" and unit == "px" else LEAST_CONFIDENCE
+    thresholds = replace(settings.perception.settings(), least_confidence=least)
     if picture.depth is None or unit == "px":  # no depth, or none that a calibration could contradict
         thresholds = replace(thresholds, depth_holes=1.0)
     thresholds = replace(thresholds, size_known=unit != "px")

@@ -16,7 +16,6 @@ from foldcell.skills.cloth.predict import FoldPrediction, predict_fold
 from foldcell.skills.garments.garment import Garment
 from foldcell.skills.motion.kinematics.posture import Posture
 from foldcell.skills.motion.moves.fold import FoldMotion, plan_hands_motion
-from foldcell.skills.motion.moves.retreat import RETREAT_HEIGHT
 from foldcell.skills.motion.validation.collision import CollisionChecker
 from foldcell.skills.trajectory.arcs.paths import after_lift
 from foldcell.skills.trajectory.search.optimise import ClothPredictor, Progress, Watch, optimise_fold
@@ -28,7 +27,6 @@ __all__ = [
     "motion_rng",
     "plan_arms",
     "predict_motion",
-    "reach_height",
     "search_rng",
     "search_trajectory",
     "simulated_paths",
@@ -44,12 +42,6 @@ of pictures by the camera."""
 def tool_speed(settings: CellSettings, garment: Garment) -> float:
     """Return the largest speed of the tools with this garment in hand [m/s]."""
     return min(garment.max_tool_speed, settings.motion.tool_speed)
-
-
-def reach_height(settings: CellSettings) -> float:
-    """Return the height above a grasp that a posture has to reach [m]: as high as the hands rise after a fold, so
-    that postures at the edge of their reach are not chosen."""
-    return max(settings.motion.approach_height, RETREAT_HEIGHT)
 
 
 def motion_rng() -> np.random.Generator:
@@ -124,8 +116,7 @@ def plan_arms(
     return plan_hands_motion(
         model, checker, settings.table, paths, q_now, limits=limits,
         tool_speed=tool_speed(settings, garment), approach_height=settings.motion.approach_height,
-        reach_height=reach_height(settings), lift=settings.grasp.lift_height, rng=rng, avoid=avoid,
-        upright_grasps=layers_stay,
+        lift=settings.grasp.lift_height, rng=rng, avoid=avoid, upright_grasps=layers_stay,
     )  # fmt: skip
 
 

@@ -14,12 +14,13 @@ from foldcell.skills.perception.segmentation.mask import Segmentation
 from foldcell.skills.perception.settings import PerceptionSettings
 from foldcell.skills.vocabulary import Failure, FailureKind, Outcome
 
-__all__ = ["choose_garment", "fit_quality", "misfit", "wanted_garment"]
+__all__ = ["CLEAR", "choose_garment", "fit_quality", "flatness", "misfit", "wanted_garment"]
 
 POLYGON_IOU = 0.91
 """Minimum overlap of a silhouette with the polygon of its key points."""
-FREE_POLYGON_IOU = 0.86
-"""Minimum overlap in a photograph, where limbs may be bent as well as swung."""
+FREE_POLYGON_IOU, UNNAMED_IOU = 0.86, 0.93
+"""Minimum overlap in a photograph, where limbs may be bent as well as swung; and if no garment was named, because
+any shape with four corners resembles a towel."""
 MEMBER_IOU, MOST_STRAIN = 0.90, 0.63
 """Minimum overlap of a member of a family, which has bends, and its maximum strain. A member with very unusual
 figures resembles any outline, such as a rectangular print."""
@@ -29,6 +30,8 @@ logarithm of observed over template length."""
 LEAST_TURN = 0.35
 """Minimum turn of the outline at the place of a sharp corner, relative to the turn of this corner in the
 template."""
+CLEAR = 0.9
+"""If more than this share of an outline is clearly visible, it is the garment's."""
 CATEGORY_MARGIN = 0.03
 """The expected category is accepted unless another category has an overlap that is larger by more than
 this."""
@@ -99,18 +102,20 @@ def _fits_in_size(match: Match, settings: PerceptionSettings) -> bool:
     return not settings.size_known or bool(abs(np.log(match.scale)) <= np.log1p(settings.size_tolerance))
 
 
-def misfit(registration: Registration, garment: GarmentOutline, contour: Array, free: bool) -> Failure | None:
+def misfit(
+    registration: Registration, garment: GarmentOutline, contour: Array, free: bool, named: bool
+) -> Failure | None:
     """Return UNKNOWN_GARMENT or LOW_CONFIDENCE when the key points do not fit the garment, else None.
 
     The registered contour bends freely and follows any silhouette, but the polygon of its key points does not.
     This polygon is therefore compared with the silhouette. free: whether the garment may have any shape of its
-    category.
+    category. named: whether this garment is expected.
     LOW_CONFIDENCE: a key point that should be a sharp corner lies where the outline has no corner.
     """
     polygon = np.array([registration.keypoints[name] for name in garment.keypoints])
     lengths = segment_lengths(np.asarray(garment.template, dtype=float))
-    ratio = np.log(segment_lengths(polygon) / lengths)
-    least, strain = FREE_POLYGON_IOU if free else POLYGON_IOU, 0.0
+    ratio = np.log(np.maximum(segment_lengths(polygon), 1e-6) / lengths)
+    least, strain = (FREE_POLYGON_IOU if named else UNNAMED_IOU) if free else POLYGON_IOU, 0.0
     if isinstance(garment, MemberOutline):
         least, strain = MEMBER_IOU, garment.strain
         # Its bends belong to the shape, and an edge of a few millimetres, as an underarm seam, has any ratio.
@@ -146,3 +151,17 @@ def fit_quality(segmentation: Segmentation, iou: float, registration: Registrati
     overlap = float(np.clip((iou - 0.85) / 0.12, 0.0, 1.0))
     fit = float(np.clip((0.008 - registration.residual) / 0.006, 0.0, 1.0))
     return segmentation.confidence * overlap * fit
+
+
+def flatness(failure: Failure, segmentation: Segmentation, settings: PerceptionSettings) -> Failure:
+    """Return NOT_FLAT in place of a misfit in a photograph, which has no depth: a garment whose outline is clearly
+    visible, but which no flat garment has, is folded, bunched or in a heap. Other failures stay."""
+    misfits = failure.kind is FailureKind.UNKNOWN_GARMENT or "fit" in failure.values
+    if settings.size_known or not misfits or segmentation.confidence < CLEAR:
+        return failure
+    return Failure(
+        FailureKind.NOT_FLAT,
+        f"no flat garment has this outline, which is clearly visible: {failure.what}",
+        "spread it flat, with nothing folded over, and sleeves and legs stretched out",
+        failure.values,
+    )

@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from foldcell.robots.ports import Array
-from foldcell.skills.perception.perceive import Perception
+from foldcell.skills.perception.perceive import Perception, Sought
 from foldcell.skills.perception.rectification.table_view import TableView
-from foldcell.skills.perception.segmentation.mask import Segmentation
 
-__all__ = ["draw_fitting", "draw_on_camera", "draw_overlay", "draw_region"]
+__all__ = ["draw_fitting", "draw_on_camera", "draw_overlay", "draw_sought"]
 
 _TINT = (60, 160, 255)
 _CONTOUR = (40, 220, 90)
@@ -68,17 +67,24 @@ def draw_on_camera(perception: Perception, rgb: NDArray[np.uint8]) -> NDArray[np
     )
 
 
-def draw_region(
-    view: TableView, segmentation: Segmentation, rgb: NDArray[np.uint8], title: str
-) -> NDArray[np.uint8]:
+def draw_sought(sought: Sought, rgb: NDArray[np.uint8], title: str) -> NDArray[np.uint8]:
     """Draw the picture of a refusal over the camera's picture rgb (H, W, 3): area and outline of what was taken
-    for the garment, and in red the outlines of the other things. title: one line at the top."""
-    contour = view.to_image(view.to_table(segmentation.contour, 0.0)) if segmentation.found else None
-    out = draw_overlay(rgb, _in_picture(segmentation.mask, view, rgb) > 0, contour, title=title)
+    for the garment, in red the outlines of the other things, the expected places of the key points, and a cross
+    where the missing one was expected. title: one line at the top."""
+    view, segmentation = sought.view, sought.segmentation
+    contour = view.to_image(view.to_table(segmentation.contour)) if segmentation.found else None
+    places = {name: view.to_image(place) for name, place in sought.places.items()}
+    missing = places.pop(sought.missing, None) if sought.missing is not None else None
+    out = draw_overlay(rgb, _in_picture(segmentation.mask, view, rgb) > 0, contour, places, title)
     others, _ = cv2.findContours(
         _in_picture(segmentation.others, view, rgb), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
     )
     cv2.drawContours(out, others, -1, _POINT, 2, cv2.LINE_AA)
+    if missing is not None:
+        at = np.clip(missing, 0, (rgb.shape[1] - 1, rgb.shape[0] - 1))
+        cv2.drawMarker(out, _rounded(at), (255, 255, 255), cv2.MARKER_TILTED_CROSS, 26, 6, cv2.LINE_AA)
+        cv2.drawMarker(out, _rounded(at), _POINT, cv2.MARKER_TILTED_CROSS, 24, 3, cv2.LINE_AA)
+        _label(out, f"{sought.missing}?", at, np.mean([missing, *places.values()], axis=0))
     return out
 
 

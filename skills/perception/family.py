@@ -27,7 +27,7 @@ from foldcell.skills.perception.registration.energy import Boundary, closest_seg
 from foldcell.skills.perception.registration.register import best_starts
 from foldcell.skills.plane import rotation
 
-__all__ = ["FAMILIES", "Family", "Joint", "best_members"]
+__all__ = ["FAMILIES", "Family", "Joint", "best_members", "likely_members"]
 
 Span = tuple[float, float]
 
@@ -113,12 +113,11 @@ def _trousers(outer: Span) -> Family:
 
 
 _CURVES = (
-    Joint("sleeve_top", "shoulder", (0.04, 0.30), (85.0, 178.0), before="cuff_upper"),
     Joint("collar_base", "shoulder", (0.05, 0.30), (-88.0, -40.0), before="collar"),
     Joint("neckline", "", (0.80, 1.05), (0.0, 0.0), before="collar"),
 )
-"""A rounded shoulder, the lower edge of a collar that stands up, and the middle of the neckline. A member of
-such a shirt has its key point at the upper edge, until `upper_edge` moves it to the lower one."""
+"""The lower edge of a collar that stands up, and the middle of the neckline. A member of such a shirt has its key
+point at the upper edge, until `upper_edge` moves it to the lower one."""
 
 _VEST = Family(
     (
@@ -141,10 +140,24 @@ _VEST = Family(
     ),
 )
 
+_SKIRT = Family(
+    (
+        Joint("hem", "", (0.20, 0.90), (90.0, 90.0)),
+        Joint("waist", "hem", (0.97, 1.12), (-32.0, 14.0)),
+        Joint("side", "hem", (0.30, 0.75), (-32.0, 14.0), before="waist"),
+        Joint("waistline", "", (0.93, 1.06), (0.0, 0.0), before="waist"),
+    ),
+    "waist",
+    (1.0, 0.0),
+    (0.0, -1.0),
+    ("right", "left"),
+)
+
 FAMILIES: Mapping[str, Family] = {
     "t_shirt": _shirt(
         Joint("cuff_upper", "shoulder", (0.18, 0.48), (75.0, 184.0), limb=True),
         Joint("cuff_lower", "cuff_upper", (0.12, 0.36), (60.0, 125.0), after="cuff_upper"),
+        Joint("sleeve_top", "shoulder", (0.04, 0.30), (85.0, 178.0), before="cuff_upper"),
         *_CURVES,
         angles=(100.0, 125.0, 150.0, 170.0),
         lengths=(0.25, 0.38),
@@ -152,16 +165,17 @@ FAMILIES: Mapping[str, Family] = {
     "long_sleeve_shirt": _shirt(
         Joint("cuff_upper", "shoulder", (0.50, 1.15), (75.0, 192.0), limb=True),
         Joint("cuff_lower", "cuff_upper", (0.08, 0.28), (60.0, 120.0), after="cuff_upper"),
+        Joint("sleeve_top", "shoulder", (0.04, 0.45), (85.0, 184.0), before="cuff_upper"),
         *_CURVES,
         angles=(95.0, 115.0, 135.0, 155.0, 170.0),
         lengths=(0.58, 0.80, 1.00),
     ),
     "vest": _VEST,
+    "skirt": _SKIRT,
     "pants": _trousers((0.10, 0.32)),
     "shorts": _trousers((0.24, 1.15)),
 }  # fmt: skip
-"""The families of categories. A towel and a skirt have no limbs: for them, the stretch of the template is
-enough."""
+"""The families of categories. For a towel, the stretch of the template is enough."""
 
 _STEPS = 30
 """Gauss-Newton steps of a fit."""
@@ -196,34 +210,82 @@ def best_members(contour: Array, garments: Sequence[GarmentOutline]) -> list[Gar
     """Return each garment with the shape of its family that fits an observed boundary (n, 2) [m] best. A template
     that fits as it is, and a category without limbs, stay."""
     contour = counter_clockwise(contour)
-    return [_best_member(contour, garment) for garment in garments]
+    searches = [_search(contour, garment) for garment in garments]
+    return [
+        garment if found is None else found.member() or garment
+        for garment, found in zip(garments, searches, strict=True)
+    ]
 
 
-def _best_member(contour: Array, garment: GarmentOutline) -> GarmentOutline:
+def likely_members(contour: Array, garments: Sequence[GarmentOutline], cost: float) -> list[MemberOutline]:
+    """Return the members of the garments whose starts are nearest to an observed boundary (n, 2) [m]. cost: of the
+    starts, at most, relative to that of the nearest."""
+    contour = counter_clockwise(contour)
+    searches = [found for garment in garments if (found := _search(contour, garment)) is not None]
+    most = cost * min((found.costs[0] for found in searches), default=0.0)
+    members = [found.member() for found in searches if found.costs[0] <= most]
+    return [member for member in members if member is not None]
+
+
+def _search(contour: Array, garment: GarmentOutline) -> _Search | None:
+    """Return the starts from which the member of a garment is sought; None if the garment stays as it is."""
     family = FAMILIES.get(garment.category)
     template = np.asarray(garment.template, dtype=float)
     if family is None or not _has_joints(garment, family):
-        return garment
+        return None
     scale = float(np.sqrt(polygon_area(contour) / abs(polygon_area(template))))
     outline = contour / scale
     boundary = Boundary(outline, step=0.003, sample_step=0.015)
-    best = max(polygon_iou(start.polygon, outline) for start in best_starts(template, boundary, 2))
-    if best > _NEEDLESS:
-        return garment
+    overlap = max(polygon_iou(start.polygon, outline) for start in best_starts(template, boundary, 2))
+    if overlap > _NEEDLESS:
+        return None
     size = float(np.sqrt(polygon_area(outline)))
     model = _Model(family, garment.keypoints, _vertices(garment.keypoints, family))
-    starts = sorted(_starts(model, template, boundary), key=lambda p: _cost(model, p, boundary, size))[:_TRIED]
-    fits = [_fitted(model, p, boundary, size, range(_FIRST_STEPS)) for p in starts]
-    fits = sorted(fits, key=lambda p: _cost(model, p, boundary, size))[:_KEPT]
-    fits = [_fitted(model, p, boundary, size, range(_FIRST_STEPS, _STEPS)) for p in fits]
-    chosen = min(fits, key=lambda p: _cost(model, p, boundary, size))
-    if crosses_itself(model.polygon(chosen)) or polygon_iou(model.polygon(chosen), outline) <= best:
-        return garment
-    names = garment.keypoints
-    feature = np.array([names.index(name) if name in names else -1 for name in model.vertices])
-    placed = scale * model.polygon(chosen)
-    strain = float((model.prior(chosen) ** 2).mean())
-    return MemberOutline(garment.name, garment.category, names, model.template(chosen), placed, feature, strain)
+    starts = _starts(model, template, boundary)
+    costs = [_cost(model, p, boundary, size) for p in starts]
+    order = np.argsort(costs, kind="stable")[:_TRIED]
+    nearest, least = [starts[k] for k in order], [costs[k] for k in order]
+    return _Search(garment, model, boundary, outline, scale, size, overlap, nearest, least)
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """What the search for a garment's member starts from. outline: (n, 2) the observed boundary, in the template's
+    size, which is smaller by `scale`. size: square root of its area. overlap: of the template as it is. starts:
+    parameters, nearest first, with their costs."""
+
+    garment: GarmentOutline
+    model: _Model
+    boundary: Boundary
+    outline: Array
+    scale: float
+    size: float
+    overlap: float
+    starts: list[Array]
+    costs: list[float]
+
+    def member(self) -> MemberOutline | None:
+        """Return the member that fits best; None if the template fits better."""
+        model, boundary, size = self.model, self.boundary, self.size
+
+        def cost(p: Array) -> float:
+            return _cost(model, p, boundary, size)
+
+        fits = [_fitted(model, p, boundary, size, range(_FIRST_STEPS)) for p in self.starts]
+        fits = sorted(fits, key=cost)[:_KEPT]
+        chosen = min((_fitted(model, p, boundary, size, range(_FIRST_STEPS, _STEPS)) for p in fits), key=cost)
+        polygon, names = model.polygon(chosen), self.garment.keypoints
+        if crosses_itself(polygon) or polygon_iou(polygon, self.outline) <= self.overlap:
+            return None
+        return MemberOutline(
+            self.garment.name,
+            self.garment.category,
+            names,
+            model.template(chosen),
+            self.scale * polygon,
+            np.array([names.index(name) if name in names else -1 for name in model.vertices]),
+            float((model.prior(chosen) ** 2).mean()),
+        )
 
 
 def _has_joints(garment: GarmentOutline, family: Family) -> bool:
@@ -390,18 +452,14 @@ def _starts(model: _Model, template: Array, boundary: Boundary) -> list[Array]:
     directions and of other lengths, each placed in its most plausible orientations."""
     own = model.measured(template)
     shapes, at = [own], 3
-    if model.family.depth > 0.0:
-        shapes.append(model.deeper(own))
-    bodies = tuple(shapes)
     for joint in model.family.joints:
         if joint.limb:
             for angle in model.family.limb_angles:
                 for length in model.family.limb_lengths:
-                    for body in bodies:
-                        shape = body.copy()
-                        shape[at] = np.log(length * model.length(own))
-                        shape[at + 1 : at + 3] = np.deg2rad(angle)
-                        shapes.append(shape)
+                    shape = own.copy()
+                    shape[at] = np.log(length * model.length(own))
+                    shape[at + 1 : at + 3] = np.deg2rad(angle)
+                    shapes.append(shape)
         at += 3 if joint.limb else 2
     starts = []
     for shape in shapes:
@@ -412,7 +470,7 @@ def _starts(model: _Model, template: Array, boundary: Boundary) -> list[Array]:
             upright = model.measured(start.polygon @ rotation(start.angle))
             upright[:2] = rotation(start.angle) @ upright[:2]
             upright[2] = start.angle
-            starts.append(upright)
+            starts += [upright, model.deeper(upright)] if model.family.depth > 0.0 else [upright]
     return starts
 
 

@@ -12,10 +12,15 @@ from numpy.typing import NDArray
 
 from foldcell.robots.ports import Array, frozen
 from foldcell.skills.perception.camera_fault import camera_fault, same_picture
-from foldcell.skills.perception.candidate import choose_garment, fit_quality, misfit, wanted_garment
+from foldcell.skills.perception.candidate import (
+    CLEAR,
+    choose_garment,
+    fit_quality,
+    flatness,
+    misfit,
+    wanted_garment,
+)
 from foldcell.skills.perception.classify import Match, classify, polygon_iou
-from foldcell.skills.perception.family import best_members
-from foldcell.skills.perception.limb_poses import best_poses
 from foldcell.skills.perception.outline import GarmentOutline, MemberOutline
 from foldcell.skills.perception.rectification.heights import garment_height
 from foldcell.skills.perception.rectification.table_view import TableView
@@ -23,11 +28,20 @@ from foldcell.skills.perception.registration.accuracy import keypoint_sigmas, pr
 from foldcell.skills.perception.registration.details.cloth_picture import ClothPicture
 from foldcell.skills.perception.registration.details.picture_refinement import refine_by_picture
 from foldcell.skills.perception.registration.register import Registration, register
+from foldcell.skills.perception.rivals import (
+    SecondBest,
+    astray,
+    either,
+    likely_matches,
+    likeness,
+    places_of,
+    second_best,
+)
 from foldcell.skills.perception.segmentation.mask import Segmentation
 from foldcell.skills.perception.segmentation.photograph import propose_garments
 from foldcell.skills.perception.settings import PerceptionSettings
 from foldcell.skills.perception.silhouette import segmentations
-from foldcell.skills.perception.usable_region import unusable
+from foldcell.skills.perception.usable_region import adjoined, unusable
 from foldcell.skills.perception.views import Views, open_views
 from foldcell.skills.vocabulary import (
     CameraCalibration,
@@ -39,7 +53,7 @@ from foldcell.skills.vocabulary import (
     Table,
 )
 
-__all__ = ["Perception", "perceive"]
+__all__ = ["Perception", "Sought", "perceive"]
 
 SURE_FIT = 0.82
 """A proposal with at least this quality of fit (`candidate.fit_quality`) is accepted before the others are
@@ -49,14 +63,16 @@ ACCURATE_WITHIN = 0.010
 garment of its nominal size."""
 ACCURATE_SHARE = 0.02
 """The same in a picture of unknown scale, relative to the diagonal of the garment's key points."""
+SHAPE_SHARE = 0.002
+"""Further scale of the errors of key points in a shape that was fitted, relative to the same: a family does not
+hold all garments."""
 AUTO_CATEGORIES, AUTO_MARGIN = 3, 0.12
-"""If no garment is named in a photograph, so many categories are fitted by their family; their overlap, before,
-must be within this of the best one's."""
-WHOLE = 0.9
-"""A region is a part of a garment if it lies within one whose outline is clearly visible by more than this."""
-TOO_NEAR, STRAIN_COST = 0.01, 0.1
-"""If the likeness of another category is within the first of the best one's, the garment is not recognised. The
-likeness is the overlap, less the strain times the second."""
+"""If no garment is named in a photograph, so many categories are registered, with a likeness within this of the
+best one's."""
+SAME = 0.97
+"""Regions that overlap by more than this (intersection over union) are the same."""
+TOO_NEAR = 0.01
+"""If the likeness of another category is within this of the best one's, the garment is not recognised."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +82,7 @@ class Perception:
     garment: name of the garment whose template fits. rgb: (H, W, 3), height: (H, W) above the table [m], mask:
     (H, W), and the contour of `segmentation` are in `view`'s pixels. top: mean height of the garment's upper side
     above the table [m]. fit: quality of the fit (0..1), see `candidate.fit_quality`. The confidence in `state` is
-    the probability that all key points are accurate.
+    the probability that all key points are accurate. second: the next category, if no garment was expected.
     """
 
     state: GarmentState
@@ -78,10 +94,22 @@ class Perception:
     height: NDArray[np.float32]
     top: float
     fit: float
+    second: SecondBest | None = None
 
     @property
     def mask(self) -> NDArray[np.bool_]:
         return self.segmentation.mask
+
+
+@dataclass(frozen=True, eq=False)
+class Sought:
+    """What was taken for the garment in a picture, and where its key points were expected: places: name -> (2,)
+    [m]. missing: of a refused garment, name of the key point that fits least."""
+
+    view: TableView
+    segmentation: Segmentation
+    places: Mapping[str, Array]
+    missing: str | None
 
 
 class _StageTimes:
@@ -107,13 +135,13 @@ def perceive(
     *,
     settings: PerceptionSettings,
     previous: CameraFrame | None = None,
-    on_region: Callable[[TableView, Segmentation], None] | None = None,
+    on_region: Callable[[Sought], None] | None = None,
 ) -> Outcome[Perception]:
     """Segment, classify and register the garment in one picture.
 
     reference: picture of the empty table. garments: the candidates. expected: a garment's name, or None to accept
-    any of them. previous: an earlier picture, to detect a frozen camera. on_region: called at the end with the
-    region that was taken for the garment, even if it is refused.
+    any of them. previous: an earlier picture, to detect a frozen camera. on_region: called at the end with what
+    was taken for the garment, even if it is refused.
 
     Failures: CAMERA_FAULT, VIEW_OBSTRUCTED, NO_GARMENT, OUT_OF_VIEW, NOT_FLAT, UNKNOWN_GARMENT, CATEGORY_MISMATCH,
     LOW_CONFIDENCE. Raises ValueError when `expected` is not among `garments`.
@@ -132,11 +160,11 @@ def perceive(
     stages.done("view")
     looks = (
         _perceive_region(segmentation, method, views, garments, wanted, settings, stages)
-        for method, segmentation in _regions(views, settings, stages, wanted is None)
+        for method, segmentation in _regions(views, settings, stages)
     )
     decided = _best(looks)
     if on_region is not None:
-        on_region(views.view, decided.segmentation)
+        on_region(_sought(decided, views, garments, wanted))
     return decided.outcome
 
 
@@ -147,47 +175,74 @@ _PROPOSAL = "proposal"
 @dataclass(frozen=True, eq=False)
 class _Look:
     """The result for one region that may be the garment. free: whether the garment may have any shape of its
-    category."""
+    category. places: where its key points were expected: name -> (2,) [m]."""
 
     segmentation: Segmentation
     free: bool
     outcome: Outcome[Perception]
+    places: Mapping[str, Array]
 
     @property
-    def refusal(self) -> FailureKind | None:
-        return self.outcome.failure.kind if self.outcome.failure is not None else None
+    def reached(self) -> tuple[int, bool, int]:
+        """How far a refused region came: 0 no garment, 1 something, 2 compared with garments or larger than the
+        picture, 3 its key points are known but uncertain. In a photograph, it counts next whether the outline is
+        clearly visible, and then the area."""
+        failure = self.outcome.failure
+        if failure is None or failure.kind is FailureKind.NO_GARMENT:
+            return 0, False, 0
+        if not self.free:
+            return 2 if self.places else 1, False, 0
+        stage = 3 if self.places and failure.kind is FailureKind.LOW_CONFIDENCE else 1
+        if stage == 1 and (self.places or failure.kind is FailureKind.OUT_OF_VIEW):
+            stage = 2
+        return stage, self.segmentation.confidence >= CLEAR, int(np.count_nonzero(self.segmentation.mask))
+
+
+def _sought(
+    look: _Look, views: Views, garments: Sequence[GarmentOutline], wanted: GarmentOutline | None
+) -> Sought:
+    """Return what was taken for the garment. If it was refused before its key points were sought, they are
+    expected where those of the likeliest garment would lie."""
+    view, segmentation, places = views.view, look.segmentation, look.places
+    failure = look.outcome.failure
+    if failure is None or not segmentation.found:
+        return Sought(view, segmentation, places, None)
+    contour = view.to_table(segmentation.contour)
+    if not places:
+        matches = likely_matches(contour, garments if wanted is None else [wanted], wanted is not None)
+        places = places_of(max(matches, key=likeness).garment, contour)
+    missing = str(failure.values.get("keypoint", "")) or astray(places, contour, view)
+    return Sought(view, segmentation, places, missing)
 
 
 def _regions(
-    views: Views, settings: PerceptionSettings, stages: _StageTimes, any_garment: bool
+    views: Views, settings: PerceptionSettings, stages: _StageTimes
 ) -> Iterator[tuple[str, Segmentation]]:
-    """Yield the regions to try in turn, each with the name of the method that found it. any_garment: whether none
-    is named; parts of a garment, such as the body of a shirt with sleeves of another colour, are then left out."""
-    whole: list[Segmentation] = []
+    """Yield the regions to try in turn, each with the name of the method that found it. In a photograph, a region
+    that is the same as an earlier one is left out."""
+    tried: list[Segmentation] = []
     for method, found in segmentations(views, settings.method):
         stages.done("segment")
-        whole.append(found)
-        yield method, found
+        if settings.size_known or not any(_same(found, other) for other in tried):
+            tried.append(found)
+            yield method, found
     if settings.method == "reference" and views.empty is None:
         proposals = propose_garments(views.seen.rgb, views.seen.valid)
         stages.done("segment")
-        whole += proposals
-        for found in proposals:
-            if not (any_garment and any(_is_part(found, other) for other in whole)):
-                yield _PROPOSAL, found
+        yield from ((_PROPOSAL, found) for found in proposals if not any(_same(found, o) for o in tried))
 
 
-def _is_part(found: Segmentation, other: Segmentation) -> bool:
-    """Whether a region lies within a larger one whose whole outline is clearly visible."""
-    area = np.count_nonzero(found.mask)
-    if other.confidence < WHOLE or not 1.15 * area < np.count_nonzero(other.mask) < 2.5 * area:
-        return False
-    return bool(np.count_nonzero(found.mask & other.mask) > 0.97 * area)
+def _same(found: Segmentation, other: Segmentation) -> bool:
+    """Whether another region, at least as clear, is the same one."""
+    both = np.count_nonzero(found.mask & other.mask)
+    same = both > SAME * np.count_nonzero(found.mask | other.mask)
+    return bool(same and found.confidence < other.confidence + 0.05)
 
 
 def _best(looks: Iterator[_Look]) -> _Look:
     """Return the first accepted region of a method, or the accepted proposal that fits best. If none is accepted,
-    return the refusal of the region that came furthest."""
+    return the refusal of the region that came furthest, and of several in a photograph the one whose outline is
+    clearest."""
     accepted: list[_Look] = []
     refused: list[_Look] = []
     for look in looks:
@@ -199,9 +254,7 @@ def _best(looks: Iterator[_Look]) -> _Look:
             accepted.append(look)
     if accepted:
         return max(accepted, key=lambda look: look.outcome.unwrap().fit)
-    with_garment = [look for look in refused if look.refusal is not FailureKind.NO_GARMENT]
-    fitted = [look for look in with_garment if look.free and look.refusal is FailureKind.LOW_CONFIDENCE]
-    return (fitted or with_garment or refused)[0]
+    return max(refused, key=lambda look: look.reached)
 
 
 def _perceive_region(
@@ -216,68 +269,53 @@ def _perceive_region(
     """Judge and register one region."""
     free = method == _PROPOSAL or not settings.size_known
 
-    def look(failure: Failure | None, value: Perception | None = None) -> _Look:
-        return _Look(segmentation, free, Outcome(value, failure, notes=dict(stages.notes)))
+    def look(failure: Failure, places: Mapping[str, Array] | None = None) -> _Look:
+        outcome: Outcome[Perception] = Outcome(failure=failure, notes=dict(stages.notes))
+        return _Look(segmentation, free, outcome, places or {})
 
     view, height = views.view, views.height
     stages.notes["segmentation_method"] = method
     stages.notes["segmentation_confidence"] = segmentation.confidence
     if (failure := unusable(segmentation, view, height, settings, views.empty is not None)) is not None:
         return look(failure)
+    if free and (failure := adjoined(segmentation, views.seen, view)) is not None:
+        return look(failure)
 
     top = garment_height(segmentation.mask, height)
     contour = view.to_table(segmentation.contour, top)
     nominal = {garment.name: garment for garment in garments}
-    if free and wanted is None:
-        matches = _likely(contour, garments)
-    else:
-        matches = classify(contour, best_members(contour, garments) if free else garments)
+    matches = likely_matches(contour, garments, wanted is not None) if free else classify(contour, garments)
     stages.done("classify")
     chosen = choose_garment(matches, wanted, settings)
     if chosen.failure is not None:
-        return look(chosen.failure)
+        shown = max(matches, key=likeness).garment if matches else None
+        places = places_of(shown, contour) if free and shown is not None else None
+        return look(flatness(chosen.failure, segmentation, settings), places)
     best = chosen.unwrap()
-    judge = partial(_judged, free, segmentation, contour, top, views, settings, stages)
+    judge = partial(_judged, free, segmentation, contour, top, views, settings, stages, wanted is not None)
+
+    def judged(match: Match) -> _Look:
+        return judge(second_best(matches, match) if wanted is None else None, match, nominal[match.garment.name])
+
     if not free or wanted is not None:
-        judged = judge(best, nominal[best.garment.name])
-        return look(judged.failure, judged.value)
-    rivals: dict[str, Match] = {}
-    for match in (best, *matches):
-        if match.iou >= best.iou - AUTO_MARGIN and len(rivals) < AUTO_CATEGORIES:
+        return judged(best)
+    rivals = {best.garment.category: best}
+    for match in sorted(matches, key=likeness, reverse=True):
+        if likeness(match) >= likeness(best) - AUTO_MARGIN and len(rivals) < AUTO_CATEGORIES:
             rivals.setdefault(match.garment.category, match)
-    judged_as = {name: judge(match, nominal[match.garment.name]) for name, match in rivals.items()}
+    judged_as = {name: judged(match) for name, match in rivals.items()}
     # A category whose key points are uncertain is a doubt; one that does not fit the region is none.
     near = [
-        (_likeness(rivals[name]), name)
-        for name, judged in judged_as.items()
-        if judged.failure is None or "sigma_m" in judged.failure.values
+        name
+        for name, found in judged_as.items()
+        if found.outcome.failure is None or "sigma_m" in found.outcome.failure.values
     ]
     if not near:
-        return look(judged_as[best.garment.category].failure)
-    (likeness, name), *others = sorted(near, reverse=True)
-    if others and others[0][0] > likeness - TOO_NEAR:
-        return look(_either(rivals[name], rivals[others[0][1]]))
-    return look(judged_as[name].failure, judged_as[name].value)
-
-
-def _likeness(match: Match) -> float:
-    """The overlap of a garment with a region, less for unusual figures."""
-    return match.iou - STRAIN_COST * (match.garment.strain if isinstance(match.garment, MemberOutline) else 0.0)
-
-
-def _likely(contour: Array, garments: Sequence[GarmentOutline]) -> tuple[Match, ...]:
-    """Compare the garments with an observed boundary (n, 2) [m], in poses that fit it, and those of the likeliest
-    categories with the shape of their family that fits. Best first."""
-    nominal = {garment.name: garment for garment in garments}
-    posed = classify(contour, best_poses(contour, garments))
-    likely: dict[str, str] = {}
-    for match in posed:
-        if len(likely) < AUTO_CATEGORIES and match.iou >= max(m.iou for m in posed) - AUTO_MARGIN:
-            likely.setdefault(match.garment.category, match.garment.name)
-    members = best_members(contour, [nominal[name] for name in likely.values()])
-    shaped = [member for member in members if isinstance(member, MemberOutline)]
-    better = {match.garment.name: match for match in classify(contour, shaped)}
-    return tuple(sorted((better.get(m.garment.name, m) for m in posed), key=lambda match: -match.iou))
+        return judged_as[best.garment.category]
+    first, *others = sorted(near, key=lambda name: likeness(rivals[name]), reverse=True)
+    if others and likeness(rivals[others[0]]) > likeness(rivals[first]) - TOO_NEAR:
+        return look(either(rivals[first], rivals[others[0]]), judged_as[first].places)
+    return judged_as[first]
 
 
 def _judged(
@@ -288,9 +326,11 @@ def _judged(
     views: Views,
     settings: PerceptionSettings,
     stages: _StageTimes,
+    named: bool,
+    second: SecondBest | None,
     match: Match,
     nominal: GarmentOutline,
-) -> Outcome[Perception]:
+) -> _Look:
     """Register a garment in a region, and judge how well it fits. free: see `_Look`. contour: (n, 2) boundary of
     the region [m]. top: height of the garment's upper side [m]. nominal: the garment with its own shape."""
     garment = match.garment
@@ -299,14 +339,21 @@ def _judged(
     registration = refine_by_picture(registered, nominal, contour, cloth, not fitted)
     stages.done("register")
 
-    if (failure := misfit(registered if free else registration, garment, contour, free)) is not None:
-        return Outcome(failure=failure)
+    def look(failure: Failure | None, value: Perception | None = None) -> _Look:
+        outcome = Outcome(value, failure, notes=dict(stages.notes))
+        return _Look(segmentation, free, outcome, registration.keypoints)
+
+    if (failure := misfit(registered if free else registration, garment, contour, free, named)) is not None:
+        return look(flatness(failure, segmentation, settings))
     iou = polygon_iou(registration.contour, contour)
     fit = fit_quality(segmentation, iou, registration)
     sigmas = keypoint_sigmas(registration, nominal, contour)
     within = ACCURATE_WITHIN * registration.scale
     if not settings.size_known:
-        within = ACCURATE_SHARE * float(np.linalg.norm(np.ptp([*registration.keypoints.values()], axis=0)))
+        diagonal = float(np.linalg.norm(np.ptp([*registration.keypoints.values()], axis=0)))
+        within = ACCURATE_SHARE * diagonal
+        if fitted:
+            sigmas = {name: float(np.hypot(sigma, SHAPE_SHARE * diagonal)) for name, sigma in sigmas.items()}
     confidence = probability_within(sigmas, within)
     stages.notes |= {
         "iou": iou,
@@ -327,22 +374,16 @@ def _judged(
             else "straighten the garment, or check light and the empty table's picture",
             {"fit": fit, "iou": iou, "boundary_rms_m": registration.residual},
         )
-        return Outcome(failure=failure)
+        return look(flatness(failure, segmentation, settings))
     if confidence < settings.least_confidence:
-        return Outcome(failure=_ambiguous(garment.name, sigmas, confidence))
+        return look(_ambiguous(garment.name, sigmas, confidence))
     state = GarmentState(
         garment.category, registration.contour, registration.keypoints, confidence, registration.ambiguous
     )
-    rgb, height = frozen(views.seen.rgb), frozen(views.height)
-    return Outcome(Perception(state, garment.name, registration, segmentation, views.view, rgb, height, top, fit))
-
-
-def _either(first: Match, second: Match) -> Failure:
-    """The refusal of a garment that could as well be of another category."""
-    names = first.garment.name, second.garment.name
-    what = f"the silhouette is that of {names[0]} (overlap {first.iou:.2f}) or of {names[1]} ({second.iou:.2f})"
-    values = {"best": names[0], "best_iou": first.iou, "second": names[1], "second_iou": second.iou}
-    return Failure(FailureKind.UNKNOWN_GARMENT, what, "name the garment", values)
+    rgb, height, view = frozen(views.seen.rgb), frozen(views.height), views.view
+    return look(
+        None, Perception(state, garment.name, registration, segmentation, view, rgb, height, top, fit, second)
+    )
 
 
 def _ambiguous(garment: str, sigmas: Mapping[str, float], confidence: float) -> Failure:

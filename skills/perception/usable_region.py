@@ -7,16 +7,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from foldcell.skills.perception.rectification.heights import smooth_height, upper
-from foldcell.skills.perception.rectification.table_view import TableView
+from foldcell.skills.perception.rectification.table_view import RectifiedView, TableView
 from foldcell.skills.perception.segmentation.mask import Segmentation
 from foldcell.skills.perception.segmentation.obstruction import obstruction_failure
+from foldcell.skills.perception.segmentation.surroundings import MOST_FOREIGN, foreign_stretch
 from foldcell.skills.perception.settings import LITTER_SHARE, MIN_SEGMENTATION, VIEW_BORDER, PerceptionSettings
 from foldcell.skills.vocabulary import Failure, FailureKind
 
-__all__ = ["intrusion", "touches_border", "unusable"]
+__all__ = ["adjoined", "intrusion", "touches_border", "unusable"]
 
 INTRUDER_SHARE = 0.02
 """Maximum area of objects that reach into the picture from its edge, relative to the area of the garment."""
+RIVAL_SHARE = 0.5
+"""Maximum area of other objects in a photograph of an unknown place, where other things lie, too."""
 
 
 def unusable(
@@ -33,9 +36,9 @@ def unusable(
             FailureKind.NO_GARMENT, "no garment is visible on the table", "lay one flat in the camera's view"
         )
     margin = max(round(VIEW_BORDER / view.pixel), 1)
-    if (failure := intrusion(segmentation, view, margin)) is not None:
+    if settings.size_known and (failure := intrusion(segmentation, view, margin)) is not None:
         return failure
-    if segmentation.others_share > LITTER_SHARE:
+    if segmentation.others_share > (LITTER_SHARE if settings.size_known else RIVAL_SHARE):
         return Failure(
             FailureKind.UNKNOWN_GARMENT,
             "more than one thing lies on the table",
@@ -67,6 +70,29 @@ def unusable(
             {"height_m": top},
         )
     return None
+
+
+def adjoined(segmentation: Segmentation, seen: RectifiedView, view: TableView) -> Failure | None:
+    """Return UNKNOWN_GARMENT if something else than the ground lies beside a stretch of a region's outline, else
+    None: the region is a part of a garment, such as a print."""
+    share, (column, row) = foreign_stretch(seen.rgb, seen.valid, segmentation)
+    if share <= MOST_FOREIGN:
+        return None
+    middle = segmentation.contour.mean(axis=0)
+    away = {
+        "right": column - middle[0],
+        "left": middle[0] - column,
+        "lower": row - middle[1],
+        "upper": middle[1] - row,
+    }
+    side = max(away, key=lambda name: away[name])
+    return Failure(
+        FailureKind.UNKNOWN_GARMENT,
+        f"something else than the ground lies beside {share:.0%} of the outline, on its {side} side: it may be a "
+        "print or a part of the garment",
+        "lay the garment on a ground of another colour, with nothing beside it",
+        {"foreign_share": share},
+    )
 
 
 def intrusion(segmentation: Segmentation, view: TableView, margin: int) -> Failure | None:

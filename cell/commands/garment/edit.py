@@ -78,10 +78,12 @@ def _seen(look: Look, like: Garment) -> tuple[Array | None, Mapping[str, Array],
         return outline, points, f"as recognised, confidence {seen.state.confidence:.2f}"
     assert look.outcome.failure is not None
     why = f"not recognised: {look.outcome.failure.what}"
-    if look.region is None or not look.region[1].found:
+    if (sought := look.sought) is None or not sought.segmentation.found:
         return None, {}, f"no points; {why}"
-    view, region = look.region
-    outline = view.to_image(view.to_table(region.contour))
+    outline = sought.view.to_image(sought.view.to_table(sought.segmentation.contour))
+    if like.keypoints == tuple(name for name in like.keypoints if name in sought.places):
+        points = {name: sought.view.to_image(sought.places[name]) for name in like.keypoints}
+        return outline, points, f"as a {like.category} of this outline would have them; {why}"
     return outline, template_over(outline, like), f"the shape of {like.title}, laid over what was seen; {why}"
 
 

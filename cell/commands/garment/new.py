@@ -88,10 +88,10 @@ def run(options: argparse.Namespace) -> int:
     look = look_at(options, options.like)
     if (failure := look.outcome.failure) is not None:
         write_refused(overlay, look)
-        hint = failure.hint if look.region is None else HINT  # key points do not mend a picture
+        hint = failure.hint if look.sought is None else HINT  # key points do not mend a picture
         figures = {
             "image": str(options.image), "recognised": False, "reason": failure.what, "hint": hint,
-            "overlay": str(overlay),
+            "missing": look.missing(options.unit), "overlay": str(overlay),
         }  # fmt: skip
         lines = [
             f"not recognised as {options.like}: {failure.what}\n  {hint}",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +15,8 @@ from foldcell.cell.support.files.encoded_picture import write_png
 from foldcell.cell.support.files.whole_file import PNG_MARK, refuse_foreign
 from foldcell.robots.errors import ConfigurationError, Failure
 from foldcell.robots.ports import Array, CameraFrame
-from foldcell.skills.perception.drawing import draw_on_camera, draw_overlay, draw_region
-from foldcell.skills.perception.perceive import Perception
-from foldcell.skills.perception.rectification.table_view import TableView
-from foldcell.skills.perception.segmentation.mask import Segmentation
+from foldcell.skills.perception.drawing import draw_on_camera, draw_overlay, draw_sought
+from foldcell.skills.perception.perceive import Perception, Sought
 from foldcell.skills.vocabulary import Outcome
 
 __all__ = ["Look", "add_options", "depth_options", "look_at", "run", "write_refused"]
@@ -26,17 +24,31 @@ __all__ = ["Look", "add_options", "depth_options", "look_at", "run", "write_refu
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """A picture and the result of the recognition in it. region: the table view, and the segmentation that was
-    taken for the garment; None if the picture was refused before the search for a garment."""
+    """A picture and the result of the recognition in it. sought: what was taken for the garment; None if the
+    picture was refused before the search for a garment."""
 
     outcome: Outcome[Perception]
     frame: CameraFrame
-    region: tuple[TableView, Segmentation] | None
+    sought: Sought | None
 
     @property
     def shows(self) -> str:
         """What the picture of a refusal shows, in words."""
-        return "the picture as given" if self.region is None else "what was taken for the garment"
+        if self.sought is None:
+            return "the picture as given"
+        if self.sought.missing is None:
+            return "what was taken for the garment"
+        return f"what was taken for the garment, and where {self.sought.missing} was expected"
+
+    def missing(self, unit: str) -> dict[str, Any] | None:
+        """The key point that a refused garment lacks, and the place where it was expected; None if none was."""
+        if self.sought is None or self.sought.missing is None:
+            return None
+        place = self.sought.places[self.sought.missing]
+        return {
+            "keypoint": self.sought.missing,
+            "expected": place if unit == "m" else self.sought.view.to_image(place),
+        }
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -70,7 +82,7 @@ def run(options: argparse.Namespace) -> int:
     notes = look.outcome.notes
     if (failure := look.outcome.failure) is not None:
         write_refused(output, look)
-        figures = {**_refused(options.image, output, options.unit, failure), "notes": notes}
+        figures = {**_refused(options, output, look, failure), "notes": notes}
         lines = [f"not recognised: {failure}", f"overlay  {output}   ({look.shows})"]
         return answer(options, figures, lines, 2)
     perception = look.outcome.unwrap()
@@ -87,11 +99,9 @@ def look_at(options: argparse.Namespace, garment: str) -> Look:
     picture, empty = read_photograph(options.image, options.depth), None
     if options.reference is not None:
         empty = read_photograph(options.reference, options.reference_depth)
-    regions: list[tuple[TableView, Segmentation]] = []
-    outcome, frame = perceive_photograph(
-        picture, empty, garment, options.unit, settings, lambda view, region: regions.append((view, region))
-    )
-    return Look(outcome, frame, regions[-1] if regions else None)
+    sought: list[Sought] = []
+    outcome, frame = perceive_photograph(picture, empty, garment, options.unit, settings, sought.append)
+    return Look(outcome, frame, sought[-1] if sought else None)
 
 
 def _check_reference(options: argparse.Namespace) -> None:
@@ -109,21 +119,21 @@ def _check_reference(options: argparse.Namespace) -> None:
 
 
 def write_refused(path: Path, look: Look) -> None:
-    """Write the refused picture. The region that was taken for the garment and the kind of the refusal are drawn
-    over it. Raises StorageError."""
+    """Write the refused picture. What was taken for the garment, the expected key points and the kind of the
+    refusal are drawn over it. Raises StorageError."""
     assert look.outcome.failure is not None
     title = f"refused: {str(look.outcome.failure.kind).replace('_', ' ')}"
-    if look.region is None:
+    if look.sought is None:
         write_png(path, draw_overlay(look.frame.rgb, title=title))
     else:
-        write_png(path, draw_region(*look.region, look.frame.rgb, title))
+        write_png(path, draw_sought(look.sought, look.frame.rgb, title))
 
 
-def _refused(image: Path, overlay: Path, unit: str, failure: Failure) -> dict[str, Any]:
+def _refused(options: argparse.Namespace, overlay: Path, look: Look, failure: Failure) -> dict[str, Any]:
     return {
-        "image": str(image), "recognised": False, "accepted": False, "reason": str(failure.kind),
-        "category": None, "confidence": 0.0, "keypoints": {}, "contour": [], "unit": unit, "failure": failure,
-        "overlay": str(overlay),
+        "image": str(options.image), "recognised": False, "accepted": False, "reason": str(failure.kind),
+        "category": None, "confidence": 0.0, "keypoints": {}, "contour": [], "unit": options.unit,
+        "failure": failure, "missing": look.missing(options.unit), "overlay": str(overlay),
     }  # fmt: skip
 
 
@@ -139,6 +149,7 @@ def _figures(image: Path, perception: Perception, overlay: Path, unit: str) -> d
         "category": state.category,
         "confidence": state.confidence,
         "ambiguous": state.ambiguous,
+        "second_best": perception.second and asdict(perception.second),
         "unit": unit,
         "keypoints": _keypoints(perception, unit),
         "contour": in_unit(perception, state.contour, unit),
@@ -154,6 +165,8 @@ def _keypoints(perception: Perception, unit: str) -> dict[str, Array]:
 def _lines(perception: Perception, overlay: Path, unit: str) -> Iterator[str]:
     state = perception.state
     yield f"{state.category} ({perception.garment}), confidence {state.confidence:.2f}"
+    if (second := perception.second) is not None:
+        yield f"second best {second.category} ({second.garment}), {second.behind:.2f} less alike"
     where = "in the table frame [m]" if unit == "m" else "in the picture [px, column and row]"
     yield f"key points {where}:"
     for name, (x, y) in _keypoints(perception, unit).items():

@@ -140,11 +140,13 @@ def register(contour: Array, garment: GarmentOutline) -> Registration:
 def _turns_with_bends(garment: MemberOutline) -> Array:
     """Return the interior angles (k,) at the key points [rad]. A bend next to a key point takes a part of its
     turn: the middle of a round neckline hardly turns. A hollow corner counts as a notch, because the outline often
-    ends before it."""
+    ends before it, and so do shoulders and collar of a shirt, which are located by the whole upper edge."""
     of_key_points = garment.feature >= 0
     angles = np.empty(len(garment.keypoints))
     angles[garment.feature[of_key_points]] = interior_angles(garment.placed)[of_key_points]
-    return np.where(angles > HOLLOW_ANGLE, 2.0 * np.pi, angles)
+    shirt = any(name.startswith("cuff_upper") for name in garment.keypoints)
+    upper = np.array([shirt and name.startswith(("shoulder", "collar")) for name in garment.keypoints])
+    return np.where((angles > HOLLOW_ANGLE) | upper, 2.0 * np.pi, angles)
 
 
 # --- where to start ------------------------------------------------------------------------------------

@@ -31,6 +31,7 @@ from foldcell.skills.perception.segmentation.mask import (
     opened,
     reduced,
 )
+from foldcell.skills.perception.segmentation.surroundings import MOST_FOREIGN, foreign_stretch
 
 __all__ = ["propose_garments", "table_distance"]
 
@@ -56,9 +57,6 @@ _LEAST_CLEAR = 0.5
 """If less than this share of a region's outline is clearly visible, the region is a patch of the floor."""
 _COUNT = 6
 """Number of proposals."""
-_WITHIN, _PRINT = 0.97, 0.5
-"""A region with at least the first share of its area inside another one, and with less than the second share of
-the other's area, is a print on it."""
 _RIVAL = 0.7
 """A separate region with more than this share of a proposal's score is another thing on the floor."""
 
@@ -75,7 +73,8 @@ def propose_garments(rgb: Image, valid: Mask) -> tuple[Segmentation, ...]:
     """Propose up to six garments in rgb (H, W, 3) where valid (H, W), the most likely first.
 
     A proposal's confidence is the share of its outline that is clearly visible. Its `others` are the separate
-    regions that look as much like a garment as itself.
+    regions that look as much like a garment as itself. What is not surrounded by the ground, as a print, is no
+    proposal.
     """
     small, inside = reduced(rgb, valid, _SIZE)
     lab = cv2.cvtColor(cv2.GaussianBlur(small, (0, 0), 0.8), cv2.COLOR_RGB2LAB).astype(np.float32)
@@ -90,15 +89,7 @@ def propose_garments(rgb: Image, valid: Mask) -> tuple[Segmentation, ...]:
     regions.sort(key=lambda r: -r.score)
     proposals = [_refined(region, regions, rgb, valid) for region in regions[:_COUNT]]
     clear = [p for p in proposals if p.confidence > _LEAST_CLEAR and np.count_nonzero(p.mask) >= SMALLEST_AREA]
-    return tuple(p for p in clear if not any(_printed_on(p.mask, other.mask) for other in clear))
-
-
-def _printed_on(inner: Mask, outer: Mask) -> bool:
-    """Whether a region lies inside one that is much larger, away from its outline: a garment is surrounded by the
-    floor, and not by cloth."""
-    area = np.count_nonzero(inner)
-    within = np.count_nonzero(inner & eroded(outer, 6)) > _WITHIN * area
-    return bool(within and area < _PRINT * np.count_nonzero(outer))
+    return tuple(p for p in clear if foreign_stretch(rgb, valid, p)[0] <= MOST_FOREIGN)
 
 
 def table_distance(lab: Field, inside: Mask) -> Field:

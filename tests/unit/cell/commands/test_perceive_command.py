@@ -12,6 +12,7 @@ from benchmarks.photographs.photograph import draw
 from benchmarks.photographs.real.judge import judge as judge_real
 from benchmarks.photographs.real.photograph import draw as draw_real
 from foldcell.cell.commands.main import main
+from foldcell.cell.config.garments.garment_file import load_garment
 
 KEYS = {"category", "confidence", "keypoints", "unit", "accepted", "reason", "contour"}
 
@@ -76,6 +77,54 @@ def test_a_garment_that_is_not_flat_is_refused_with_a_hint(due: str, seed: int) 
     assert picture.details["due"] == due
     failure = judge_real(picture).failure
     assert failure is not None and "spread" in failure
+
+
+def test_the_second_best_garment_is_told_if_none_was_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    photograph(tmp_path / "towel.png", (640, 480))
+    command = ["perceive", str(tmp_path / "towel.png"), "--unit", "px"]
+    assert main([*command, "--json"]) == 0
+    second = json.loads(capsys.readouterr().out.splitlines()[-1])["second_best"]
+    assert second["category"] == "skirt" and second["garment"] == "skirt" and 0.01 < second["behind"] < 0.3
+    assert main(command) == 0
+    assert f"second best skirt (skirt), {second['behind']:.2f} less alike" in capsys.readouterr().out
+    assert main([*command, "--garment", "medium_towel", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])["second_best"] is None
+
+
+@pytest.mark.parametrize(
+    ("garment", "reason"), [("t_shirt", "low_confidence"), ("medium_towel", "out_of_view")], ids=["misfit", "cut"]
+)
+def test_a_refusal_draws_and_names_the_missing_key_point(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], garment: str, reason: str
+) -> None:
+    photograph(tmp_path / "whole.png", (640, 480))
+    picture = cv2.imread(str(tmp_path / "whole.png"))
+    cut = picture if reason == "low_confidence" else np.ascontiguousarray(picture[:, 230:])
+    cv2.imwrite(str(tmp_path / "towel.png"), cut)
+    command = ["perceive", str(tmp_path / "towel.png"), "--unit", "px", "--garment", garment]
+    assert main([*command, "--json"]) == 2
+    answer = json.loads(capsys.readouterr().out.splitlines()[-1])
+    name, expected = answer["missing"]["keypoint"], answer["missing"]["expected"]
+    assert answer["reason"] == reason and name in load_garment(garment).keypoints
+    drawn_over = cv2.imread(answer["overlay"])
+    column, row = np.clip(np.round(expected).astype(int), 0, (cut.shape[1] - 1, cut.shape[0] - 1))
+    blue, green, red = drawn_over[row, column].astype(int)
+    assert red > 180 > max(blue, green) + 60, "a red cross stands there"
+    assert main(command) == 2
+    assert f"where {name} was expected" in capsys.readouterr().out
+
+
+def test_a_print_is_not_taken_for_a_towel(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    photograph(tmp_path / "towel.png", (640, 480), garment=False)
+    picture = cv2.imread(str(tmp_path / "towel.png"))
+    rest = np.array([[180, 70], [470, 60], [500, 240], [330, 420], [150, 330]])  # no garment has this outline
+    cv2.fillPoly(picture, [rest.astype(np.int32)], (50, 60, 40), cv2.LINE_AA)
+    cv2.rectangle(picture, (240, 140), (400, 260), (90, 60, 200), -1)
+    cv2.imwrite(str(tmp_path / "towel.png"), picture)
+    assert main(["perceive", str(tmp_path / "towel.png"), "--unit", "px", "--json"]) == 2
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])["reason"] == "not_flat"
 
 
 @pytest.mark.parametrize("command", ["perceive", "garment new --like medium_towel --unit m"])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from foldcell.skills.perception.outline import resample_closed, smooth_closed
-from foldcell.skills.perception.registration.upper_edge import locate_upper_edge
+from foldcell.skills.perception.registration.upper_edge import _closed, locate_upper_edge
 from foldcell.skills.plane import rotation
 
 HALF = {"hem": (0.0, -0.24), "armpit": (0.44, -0.25), "cuff_lower": (0.40, -0.36)}
@@ -64,3 +64,11 @@ def test_an_edge_without_room_for_shoulders_yields_nothing():
     }
     outline = np.array([[0.0, -0.24], [0.44, -0.25], [0.51, -0.126], [0.51, 0.126], [0.44, 0.25], [0.0, 0.24]])
     assert located(narrow, resample_closed(outline, 0.002)) == {}
+
+
+def test_a_notch_as_narrow_as_a_label_is_filled_and_a_collar_is_not() -> None:
+    b = np.linspace(-0.6, 0.6, 151)
+    edge = 1.0 - 0.3 * np.abs(b) - 0.06 * np.clip(1.0 - (b / 0.2) ** 2, 0.0, None)
+    notched = edge - np.where(np.abs(b - 0.03) < 0.035, 0.05, 0.0)
+    assert np.abs(_closed(notched, b) - edge).max() < 0.02 < np.abs(notched - edge).max()
+    assert np.abs(_closed(edge, b) - edge).max() < 0.01
