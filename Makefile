@@ -57,7 +57,7 @@ compile: setup         ## the cloth simulation, once, instead of in each process
 	$(BIN)/foldcell optimise small_towel
 
 hil: setup             ## the scripted runs of tests/hil in the simulated cell
-	$(BIN)/foldcell hil tests/hil
+	$(BIN)/foldcell hil tests/hil tests/hil/faults
 
 # the viewer is drawn without a screen, but not without a graphics driver: on Debian mesa-vulkan-drivers
 docs: setup            ## the pictures of README and docs, from runs (needs a graphics driver)
