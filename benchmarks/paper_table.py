@@ -3,6 +3,8 @@
     python -m benchmarks.paper_table [CAMPAIGN_FOLDER]
 
 Without a folder, the campaign benchmarks/campaigns/paper.yaml is performed first (about ten minutes on two cores).
+The table of a campaign at the emulator or the robot is written into the campaign's folder, so that it never shares
+a page with simulated results.
 """
 
 from __future__ import annotations
@@ -53,14 +55,19 @@ COLUMNS = (
     "garment", "folds, paper", "folds, ours", "success, paper", "folded, ours", "interval, ours", "time, paper",
     "time, ours",
 )  # fmt: skip
-INTRODUCTION = """# Results: the paper's table
+PAPERS = """# Results: the paper's table
 
 Li et al. (IROS 2015) folded each garment ten times with a real Baxter and judged by eye. Our runs are
-**simulated**. They are judged by the scorer on the simulated garment, which is stricter: overlap,
+**{label}**. """
+SCORED = """They are judged by the scorer on the simulated garment, which is stricter: overlap,
 correspondence, edges, key points, drift and heights all have to pass. So the columns do not compare robots; they
 show the same tasks side by side. "Folded" means that the executive claimed the fold and the scorer passed it.
-Intervals: Wilson, 95 %. Times: average over the successful runs, from the first look to the parked arms,
-without waiting for a person.
+"""
+JUDGED = """The person at the cell looked at each garment and judged it before
+reading the executive's claim. "Folded" means that the executive claimed the fold and the person passed it.
+"""
+READING = """Intervals: Wilson, 95 %. Times: average over the successful runs, from the first look to the parked
+arms, without waiting for a person.
 """
 
 
@@ -70,11 +77,13 @@ def page(campaign: CampaignFolder, trials: Sequence[Trial]) -> str:
     ours = [t for t in trials if t.performed]
     rows.append(_row("all", ours))
     seeds = sorted({t.request.seed for t in ours})
-    found = claims(ours)
+    found, about = claims(ours), campaign.campaign
+    judged = JUDGED if about.attended else SCORED
     lines = [
-        INTRODUCTION,
+        PAPERS.format(label=about.label) + judged + READING,
         origin(campaign.campaign),
-        f"- Command: `python -m benchmarks.paper_table CAMPAIGN_FOLDER`; seeds {', '.join(map(str, seeds))}.",
+        f"- Command: `python -m benchmarks.paper_table CAMPAIGN_FOLDER`; "
+        f"{'runs' if about.attended else 'seeds'} {', '.join(map(str, seeds))}.",
         f"- Claims: {found.claimed_passed} true, {found.claimed_failed} false; {found.unclaimed_passed} good "
         "folds were not claimed.",
         "",
@@ -117,8 +126,9 @@ def main(arguments: Sequence[str]) -> int:
     if len(finished) < len(folder.campaign.requests):
         print(f"unfinished: foldcell trials --resume {folder.path}", file=sys.stderr)
         return 2
-    PAGE.write_text(page(folder, [t for t in finished if t.request.garment in PAPER]), encoding="utf-8")
-    print(PAGE)
+    path = PAGE if folder.campaign.label == "simulated" else folder.path / PAGE.name
+    path.write_text(page(folder, [t for t in finished if t.request.garment in PAPER]), encoding="utf-8")
+    print(path)
     return 0
 
 

@@ -69,6 +69,7 @@ class CampaignResults:
         values = {
             "schema": SCHEMA,
             "about": self.campaign.about,
+            "label": self.campaign.label,
             "garments": [row for variant in self.variants for row in variant.rows],
             "claims": {
                 v.name: {**_table(v.claims), "parts": {name: _table(t) for name, t in v.part_claims.items()}}
@@ -103,4 +104,5 @@ def _run(trial: Trial) -> dict[str, Any]:
         "error": trial.error,
         "record": trial.record,
         "scripted": trial.seen,
+        "judgement": trial.judgement,
     }

@@ -67,6 +67,11 @@ class _Machine(Machine):
     transition_cls = _Transition
 
 
+def _goes_on(event: Event, interrupted: Effect) -> bool:
+    """Whether the interrupted effect follows a pause. Cloth in the hands is laid down also after an abort."""
+    return event is Event.RESUME or (event is Event.ABORT and interrupted is Effect.LAY_BACK)
+
+
 class Executive:
     """The state machine. `handle` raises InternalError for an event that has no row in the present state."""
 
@@ -78,9 +83,11 @@ class Executive:
             model=self._model, states=[s.value for s in State], initial=State.IDLE.value,
             auto_transitions=False, send_event=False, model_override=False,
         )  # fmt: skip
+        known: set[tuple[State, Event]] = set()
         for row in complete_table(rows):
-            if self._transition(row.state, row.event):
+            if (row.state, row.event) in known:
                 raise InternalError(f"two rows of the table share the state '{row.state}' and event '{row.event}'")
+            known.add((row.state, row.event))
             self._machine.add_transition(row.event.value, row.state.value, row.target.value, effect=row.effect)
 
     @property
@@ -98,7 +105,7 @@ class Executive:
     def handle(self, event: Event) -> Step:
         """Make the transition for an event. Returns the transition with the effect to perform."""
         source = self.state
-        if event is Event.RESUME and source is State.PAUSED and self._interrupted:
+        if source is State.PAUSED and self._interrupted and _goes_on(event, self._interrupted[1]):
             target, effect = self._interrupted
             self._machine.set_state(target.value, self._model)
             self._interrupted, self._effect = None, effect

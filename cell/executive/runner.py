@@ -140,6 +140,9 @@ class Runner:
     def _perform(self, step: Step, context: RunContext) -> Result:
         """Perform the effect, with its intent and result in the journal. An exception becomes an event."""
         interruption = self._interruption(step)
+        if interruption is Event.ABORT and step.effect is Effect.LAY_BACK:  # the cloth is laid down before the end
+            self._commands.drop({Event.ABORT})
+            context, interruption = self._with_cause(interruption, context), None
         if interruption:
             return Result(interruption, self._with_cause(interruption, context), {"interrupted": True})
         clock, self._noted = self._cell.ports.clock, ()

@@ -83,6 +83,9 @@ class Workcell:
     """The stop that is polled in real time while a skill computes; None: `ports.stop`. Polling it only ends the
     wait. Whether the run stops is decided by `ports.stop`, which is read once after the wait."""
 
+    laid_by_person: bool = False
+    """Whether a person lays the garment in a simulated cell, too. Waiting for a person is no robot time."""
+
     @property
     def loop(self) -> ControlLoop:
         return ControlLoop(self.ports, self.execution, self.last_command, self.path)

@@ -10,8 +10,8 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
-from dataclasses import replace
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
 
 from foldcell.cell.executive.effects import EFFECTS
 from foldcell.cell.executive.runner import EffectFunction, Runner
@@ -23,8 +23,9 @@ from foldcell.cell.hardware.placement import refuse_unfit_folds
 from foldcell.cell.hardware.robot_model import load_robot
 from foldcell.cell.journal.journal import RunJournal
 from foldcell.cell.operator.progress.compiling import report_compilation
-from foldcell.cell.operator.terminal.attendant import PersonAttendant
+from foldcell.cell.operator.terminal.attendant import LAY, PersonAttendant
 from foldcell.cell.operator.terminal.keys import check_terminal
+from foldcell.cell.record.judgement import Judgement
 from foldcell.cell.record.run_record import FailureRecord, RecordingLosses, RunRecord, write_record
 from foldcell.cell.runs.checkpoint_writer import CheckpointWriter, Interrupted
 from foldcell.cell.runs.compiling_ahead import compiling_ahead
@@ -40,14 +41,29 @@ from foldcell.cell.states.run_context import RunContext, RunEnd
 from foldcell.cell.states.transition_table import Effect, Event, State
 from foldcell.cell.support.process.signals import Interrupts
 from foldcell.robots.errors import FailureKind, StorageError
-from foldcell.robots.ports import Ports, Stop
+from foldcell.robots.ports import Attendant, Ports, Stop
 from foldcell.skills.scoring.verdict import Score
 
-__all__ = ["FoldRequest", "fold_once"]
+__all__ = ["Attendance", "FoldRequest", "fold_once"]
 
 OnOpen = Callable[[OpenCell, CommandQueue], Ports | None]
 """Called with the cell and the command queue before the first effect. May return other ports, which the executive
 then uses."""
+
+
+@dataclass(frozen=True)
+class Attendance:
+    """The part of a person in a run of a campaign.
+
+    begin: a request to the person before anything moves. lay: the request to lay the garment. recorded: called
+    when the journal has the end of the run. judge: called when all files of the run are written and the operator's
+    page is still open, with a function that asks the person for the verdict on the garment.
+    """
+
+    begin: str
+    lay: str
+    recorded: Callable[[RunRecord], None]
+    judge: Callable[[Callable[[], Judgement | None]], None]
 
 
 @compiling_ahead()
@@ -57,17 +73,23 @@ def fold_once(
     observers: Sequence[Observer] = (),
     interrupted: Interrupted | None = None,
     instead: Mapping[Effect, EffectFunction] | None = None,
+    attendance: Attendance | None = None,
 ) -> RunRecord:
     """Perform one run, or resume an interrupted one. on_open, observers: used by tests and HIL scripts. The given
     observers are added to the run's own observers. instead: effects that replace the run's own, for a
-    step of the ladder.
+    step of the ladder. attendance: of a person; None: the run asks no more of a person than its driver and
+    `request` say.
 
     Raises ConfigurationError and StorageError before anything moves. If the journal cannot be written later, the
     run ends in a fault with the arms held.
     """
     began = time.monotonic()
-    _check(request)
-    with owned_cell(request.logs) as (interrupts, journal), page_listener(request) as listener:
+    _check(request, attendance)
+    with (
+        owned_cell(request.logs) as (interrupts, journal),
+        page_listener(request) as listener,
+        ExitStack() as after,
+    ):
         if interrupted:  # checked while the lock is held: no other process can resume it now
             check_resumable(journal, interrupted.run)
         packages = (*VERSIONED, "mujoco") if request.world == "mujoco" else VERSIONED
@@ -77,19 +99,26 @@ def fold_once(
                 keep_run_inputs(run.directory, request, interrupted.context if interrupted else None)
             resumed_from = interrupted.run if interrupted else None
             watching = RunObservers(request, run, began, resumed_from, listener, observers)
-            end, score, losses = _perform(request, run, watching, on_open, interrupted, interrupts, instead or {})
+            end, score, losses = _perform(
+                request, run, watching, on_open, interrupted, interrupts, instead or {}, attendance, after
+            )
             signal = interrupts.received[0] if interrupts.received else None
             record = _end_in_journal(run, watching.record.record(end, score, losses, signal))
+            if attendance:
+                attendance.recorded(record)
         if record.result == "folded" or end.context.through:
             CheckpointWriter(run.directory, None).forget()
-        return _with_files(request, record, end.context, watching)
+        record = _with_files(request, record, end.context, watching)
+        if attendance:
+            attendance.judge(lambda: watching.judgement(lambda: bool(interrupts.received)))
+        return record
 
 
-def _check(request: FoldRequest) -> None:
+def _check(request: FoldRequest, attendance: Attendance | None) -> None:
     """Raises ConfigurationError for a request that cannot be performed."""
     check_cell(request.driver, _simulated(request))
     refuse_unfit_folds([request.garment], request.settings)
-    needs_operator = request.approve or not is_simulated(request.driver)
+    needs_operator = request.approve or not is_simulated(request.driver) or attendance is not None
     if needs_operator and request.terminal and not request.page:
         check_terminal(sys.stdin)
 
@@ -102,32 +131,44 @@ def _perform(
     interrupted: Interrupted | None,
     interrupts: Interrupts,
     instead: Mapping[Effect, EffectFunction],
+    attendance: Attendance | None,
+    after: ExitStack,
 ) -> tuple[RunEnd, Score | None, RecordingLosses]:
-    """Open the cell, run the state machine and score the garment. Everything is closed when this returns."""
+    """Open the cell, run the state machine and score the garment. Everything is closed when this returns, except
+    that the operator's page stays open until `after` is closed if a person judges the garment there."""
     robot, notifier = load_robot(request.settings), watching.notifier
 
-    def person(stop: Stop) -> PersonAttendant:
-        return PersonAttendant(watching.commands, stop, notifier.ask)
+    def person(stop: Stop, hands: Attendant | None = None) -> PersonAttendant:
+        lay = attendance.lay if attendance else LAY
+        return PersonAttendant(watching.commands, stop, notifier.ask, lay, hands)
 
     try:
         with (
             report_compilation(watching.lines.note),
             _opened(request, interrupted, person) as opened,
             ThreadPoolExecutor(1, "skill") as workers,
-            interrupts.stop(opened.ports, asked=request.approve or not opened.ports.simulated),
-            watching.page(opened.ports.stop),
+            ExitStack() as during,
         ):
+            asked = request.approve or not opened.ports.simulated or attendance is not None
+            during.enter_context(interrupts.stop(opened.ports, asked))
+            (after if attendance else during).enter_context(watching.page(opened.ports.stop))
             own = (on_open(opened, watching.commands) if on_open is not None else None) or opened.ports
             own = watching.pictured(own, opened)
-            if isinstance(opened.ports.attendant, PersonAttendant):
-                opened.ports.attendant.clock, opened.ports.attendant.stop = own.clock, own.stop
+            attendant = own.attendant
+            if attendance and not isinstance(attendant, PersonAttendant):
+                attendant = person(own.stop, attendant)
+                own = replace(own, attendant=attendant)
+            if isinstance(attendant, PersonAttendant):
+                attendant.clock, attendant.stop = own.clock, own.stop
             ports, commands = watching.recorded(own)
             cell = assemble(
                 request, robot, ports, watching.recorder, commands, workers, notifier.note, notifier.computing
             )
-            cell = replace(cell, watched_stop=own.stop)
+            cell = replace(cell, watched_stop=own.stop, laid_by_person=isinstance(attendant, PersonAttendant))
             watching.watch_truth(opened)
-            watching.listen_to_terminal(request.approve or not opened.ports.simulated)
+            watching.listen_to_terminal(asked)
+            if attendance and isinstance(attendant, PersonAttendant):
+                attendant.wait_for(attendance.begin)
             checkpoint_writer = CheckpointWriter(
                 run.directory,
                 opened.simulated.checkpoint.save if opened.simulated else None,

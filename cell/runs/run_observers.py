@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from socket import socket
@@ -15,10 +15,13 @@ from foldcell.cell.hardware.driver_names import is_simulated
 from foldcell.cell.journal.frame_store import FRAMES, FrameStore
 from foldcell.cell.journal.journal import RunJournal
 from foldcell.cell.operator.console.run_status import RunStatus
+from foldcell.cell.operator.judging import ask_judgement
 from foldcell.cell.operator.progress.lines import Notifier, ProgressLines, say
 from foldcell.cell.operator.terminal.keys import TerminalOperator, in_foreground
+from foldcell.cell.record.judgement import Judgement
 from foldcell.cell.record.run_record import RecordingLosses
 from foldcell.cell.record.run_record_builder import RunRecordBuilder
+from foldcell.cell.record.words import garment_name
 from foldcell.cell.report.camera_pictures.question_picture import QuestionFiles
 from foldcell.cell.report.failure_stories import FailureStories
 from foldcell.cell.states.commands import CommandQueue
@@ -135,10 +138,19 @@ class RunObservers:
 
     def listen_to_terminal(self, attended: bool) -> None:
         """Take commands from the terminal, if a person attends the run there."""
-        request = self._request
-        if attended and request.terminal and (in_foreground(sys.stdin) or not request.page):
+        if attended and self._typed():
             may = self._run_status.allowed
-            TerminalOperator(self.commands, sys.stdin, sys.stderr, not request.page, may).start()
+            TerminalOperator(self.commands, sys.stdin, sys.stderr, not self._request.page, may).start()
+
+    def _typed(self) -> bool:
+        """Whether lines typed at the terminal are read."""
+        request = self._request
+        return request.terminal and (in_foreground(sys.stdin) or not request.page)
+
+    def judgement(self, ended: Callable[[], bool]) -> Judgement | None:
+        """Ask the person whether the garment is folded well. See `ask_judgement`."""
+        source, page = sys.stdin if self._typed() else None, self._run_status if self._live_view else None
+        return ask_judgement(garment_name(self._request.garment), source, page, ended)
 
     def run_ended(self, end: RunEnd) -> None:
         """End the transcript, and show the end on the operator's page."""

@@ -7,7 +7,8 @@ DONE if it succeeded, FAILED if not (the context contains the failure), or the e
 (MAKE_SAFE), ABORT -> GIVING_UP (MAKE_SAFE), PAUSE -> PAUSED (WAIT) and UNRECORDED -> FAULT (HOLD). The last row
 exists because nothing may move without a journal. GIVING_UP and MAKING_SAFE are exceptions: they have no ABORT and
 no PAUSE, and their CRASH leads to FAULT (HOLD). A state with a row of its own for ABORT or CRASH keeps this row.
-An abort in a pause takes the ABORT row of the interrupted state.
+An abort in a pause takes the ABORT row of the interrupted state. An abort before LAY_BACK begins, also in a pause,
+does not replace it: the cloth is laid down, and then the run ends.
 """
 
 from __future__ import annotations

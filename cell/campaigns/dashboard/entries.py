@@ -22,7 +22,7 @@ class RunEntry:
     """One run. key: path of the run's folder relative to the logs; it identifies the run in addresses. garment: as
     it was given, by name or as a file. status: as in the journal, or `damaged`. started: seconds since 1970, or
     None. record: None if the run has none. campaign, variant: empty for a run by itself. damage: what is wrong
-    with its files, or empty."""
+    with its files, or empty. judged: the verdict of the person who attended the run, or None."""
 
     key: str
     folder: Path
@@ -36,6 +36,7 @@ class RunEntry:
     campaign: str = ""
     variant: str = ""
     damage: str = ""
+    judged: bool | None = None
 
     @property
     def name(self) -> str:
@@ -48,7 +49,9 @@ class RunEntry:
 
     @property
     def passed(self) -> bool | None:
-        """The verdict of the score; None if the run was not scored."""
+        """The verdict of the person, or of the score; None if neither judged the garment."""
+        if self.judged is not None:
+            return self.judged
         return self.record.score.passed if self.record and self.record.score else None
 
     @property

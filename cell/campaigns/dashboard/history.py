@@ -11,6 +11,7 @@ import re
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -115,7 +116,7 @@ class History:
 
     def _entry(
         self, folder: Path, garment: str, seed: int | None, driver: str, status: str, started: float | None,
-        record: RunRecord | None, ending: Ending | None = None, **more: str,
+        record: RunRecord | None, ending: Ending | None = None, **more: Any,
     ) -> RunEntry:  # fmt: skip
         damage = "" if folder.is_dir() else "its folder is missing"
         key = folder.relative_to(self.logs).as_posix()
@@ -185,10 +186,11 @@ class History:
             return None
         folder = campaign.run_folder(trial) or campaign.folder(request)
         ending = None if trial.record else Ending(reason=Refusal(trial.error or "the run has no record", ""))
-        return self._entry(
+        entry = self._entry(
             folder, request.garment, request.seed, request.driver, trial.result, _stamp(folder), trial.record,
             ending, campaign=campaign.path.name, variant=request.variant,
         )  # fmt: skip
+        return replace(entry, judged=trial.passed if request.attended else None)
 
     def _unchanged(self, path: Path, read: Callable[[], Any], keep: Callable[[Any], bool] | None = None) -> Any:
         """Return the value that `read` makes of the file. If the file has not changed since the last call, the

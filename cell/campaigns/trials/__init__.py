@@ -1,1 +1,1 @@
-"""Campaigns of simulated runs: garments x seeds x variants, on any executor, resumable at any time."""
+"""Campaigns of runs: garments x seeds x variants, on any executor, resumable at any time."""

@@ -31,6 +31,7 @@ from foldcell.cell.campaigns.hil.script import Action, Group
 from foldcell.cell.config.cell_settings import CellSettings, overlaid
 from foldcell.cell.config.garments.garment_file import list_garments, load_garment
 from foldcell.cell.config.yaml_file import Document, read_yaml, validated
+from foldcell.cell.hardware.driver_names import is_simulated
 from foldcell.cell.record.words import garment_name
 from foldcell.robots.errors import ConfigurationError
 
@@ -131,7 +132,7 @@ class TrialRequest:
 
     settings: the complete settings of the cell (for another version of foldcell: only the keys that differ from
     the shipped settings). actions: scripted faults and commands. python: Python interpreter of another version of
-    foldcell; None: this version.
+    foldcell; None: this version. attended: whether a person lays the garment and judges the fold.
     """
 
     variant: str
@@ -142,6 +143,7 @@ class TrialRequest:
     settings: Mapping[str, Any]
     actions: tuple[Mapping[str, Any], ...] = ()
     python: str | None = None
+    attended: bool = False
 
     @property
     def key(self) -> tuple[str, str, int]:
@@ -149,7 +151,8 @@ class TrialRequest:
 
     def __str__(self) -> str:
         variant = "" if self.variant == DEFAULT_VARIANT else f", {self.variant}"
-        return f"{garment_name(self.garment)}, seed {self.seed}{variant}"
+        number = "seed" if is_simulated(self.driver) else "run"
+        return f"{garment_name(self.garment)}, {number} {self.seed}{variant}"
 
     @property
     def cell(self) -> CellSettings:
@@ -175,16 +178,31 @@ class Campaign:
     variants: Mapping[str, str]
     """Name of each variant -> description of its difference."""
 
+    @property
+    def attended(self) -> bool:
+        """Whether a person judges the folds; else the scorer judges the simulated garments."""
+        return any(request.attended for request in self.requests)
 
-def read_campaign(path: Path, settings: CellSettings, driver: str = "sim", world: str = "xpbd") -> Campaign:
+    @property
+    def label(self) -> str:
+        """The cell of the runs, and who judges the folds if it is a person."""
+        names = {"sim": "simulated", "emulator": "simulated (emulator)", "ros": "robot"}
+        drivers = " and ".join(sorted({names[request.driver] for request in self.requests}))
+        return f"{drivers}, judged by a person" if self.attended else drivers
+
+
+def read_campaign(
+    path: Path, settings: CellSettings, driver: str = "sim", world: str = "xpbd", attended: bool = False
+) -> Campaign:
     """Read a campaign file. The settings of every variant and every garment are checked.
 
     settings: the cell's settings, which the variants override. world: cloth solver of the variants that do not
-    name one. Raises ConfigurationError with file, line, key and allowed values.
+    name one. attended: whether a person lays the garments and judges the folds. Raises ConfigurationError with
+    file, line, key and allowed values.
     """
     document = read_yaml(path, "campaign file")
     content = validated(document, CampaignFile)
-    return campaign_of(content, settings, driver, world, document)
+    return campaign_of(content, settings, driver, world, attended, document)
 
 
 def campaign_of(
@@ -192,6 +210,7 @@ def campaign_of(
     settings: CellSettings,
     driver: str,
     world: str,
+    attended: bool = False,
     document: Document | None = None,
 ) -> Campaign:
     """Make the campaign from validated content. document: the file, for messages and relative paths; None: the
@@ -204,6 +223,11 @@ def campaign_of(
     seeds = content.seeds.all
     requests = []
     for name, variant in content.variants.items():
+        if attended and (variant.do or variant.python is not None):
+            raise ConfigurationError(
+                f"the variant {name} has scripted actions or another version of foldcell",
+                "a person attends runs of this version, without a script: leave `do` and `python` out",
+            )
         own = _settings(settings, name, variant, document)
         garments = of_all if variant.garments is None else distinct_garments(variant.garments, folder)
         for garment in garments:
@@ -219,6 +243,7 @@ def campaign_of(
                 variant.cell if python else own.model_dump(mode="json", by_alias=True),
                 tuple(action.model_dump(mode="json", exclude_none=True) for action in variant.do),
                 python,
+                attended,
             )
             for garment in garments
             for seed in seeds

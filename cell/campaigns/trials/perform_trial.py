@@ -27,7 +27,7 @@ from foldcell.cell.support.process.memory import return_free_memory
 from foldcell.cell.support.process.signals import Terminated
 from foldcell.robots.errors import CellError, FailureKind, StorageError
 
-__all__ = ["Fold", "perform_trial"]
+__all__ = ["Fold", "discard_recordings", "perform_trial"]
 
 LOCK = "trial.lock"
 WAIT_S = 0.5
@@ -55,7 +55,7 @@ def perform_trial(request: TrialRequest, folder: Path, keep: Keep, fold: Fold | 
             _clear(folder)
             trial = _perform(request, folder, fold or (_other_version if request.python else _this_version))
             _refuse_cut_off(trial.record)
-            _discard_recordings(folder, keep, trial)
+            discard_recordings(folder, keep, trial)
             write_trial(folder, trial)
             return_free_memory()
     return trial
@@ -146,7 +146,7 @@ def _clear(folder: Path) -> None:
             shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
-def _discard_recordings(folder: Path, keep: Keep, trial: Trial) -> None:
+def discard_recordings(folder: Path, keep: Keep, trial: Trial) -> None:
     """Remove the recordings that the campaign does not keep. Report, record, settings and journal stay."""
     if keep == "all" or (keep == "failures" and not trial.success):
         return

@@ -153,9 +153,10 @@ class CampaignFolder:
         return quote(os.path.relpath(report, self.path)) if report and report.is_file() else ""
 
     def finished(self) -> list[Trial]:
-        """Return the finished runs, in the order of the requests."""
+        """Return the finished runs, in the order of the requests. A run that waits for a person's verdict is not
+        finished."""
         found = (read_trial(self.folder(request), request) for request in self.campaign.requests)
-        return [trial for trial in found if trial is not None]
+        return [trial for trial in found if trial is not None and not trial.unjudged]
 
     def missing(self, finished: Sequence[Trial]) -> list[TrialRequest]:
         done = {trial.request.key for trial in finished}

@@ -9,6 +9,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from foldcell.cell.campaigns.hil.director import Observations
 from foldcell.cell.campaigns.trials.campaign import TrialRequest
+from foldcell.cell.record.judgement import Judgement
 from foldcell.cell.record.run_record import RunRecord, ScoreRecord
 from foldcell.cell.record.words import figure_name
 from foldcell.cell.support.files.whole_file import write_whole
@@ -23,13 +24,19 @@ TRIAL = "trial.json"
 class Trial:
     """One run of a campaign. record: None if the run has no record; `error` then states the reason. seen:
     observations of its scripted actions; None without such actions. performed: False for a run that did not end
-    because its worker process died."""
+    because its worker process died. judgement: of the person who attended the run; None: nobody has judged it."""
 
     request: TrialRequest
     record: RunRecord | None
     error: str = ""
     seen: Observations | None = None
     performed: bool = True
+    judgement: Judgement | None = None
+
+    @property
+    def unjudged(self) -> bool:
+        """Whether the run waits for a person's verdict."""
+        return self.request.attended and self.judgement is None
 
     @property
     def result(self) -> str:
@@ -53,18 +60,20 @@ class Trial:
 
     @property
     def passed(self) -> bool | None:
-        """The scorer's verdict on the garment, whether folding was claimed or not. None: the run was not
-        scored."""
+        """The verdict on the garment, whether folding was claimed or not: of the person in an attended run, else
+        of the scorer. None: neither judged it."""
+        if self.request.attended:
+            return self.judgement.passed if self.judgement else None
         return self.score.passed if self.score else None
 
     @property
     def success(self) -> bool:
-        """Whether the run was claimed and passed. If the run was not scored, the claim alone counts."""
+        """Whether the run was claimed and passed. If nobody judged the garment, the claim alone counts."""
         return self.claimed and self.passed is not False
 
     @property
     def verdict(self) -> str:
-        """The result, or `false claim` if the score does not pass the claimed fold."""
+        """The result, or `false claim` if the claimed fold did not pass."""
         return "false claim" if self.claimed and not self.success else self.result
 
     @property
@@ -77,6 +86,8 @@ class Trial:
             return "error" if self.performed else "not performed"
         if self.record.failure:
             return self.record.failure.kind.value
+        if self.judgement:
+            return f"judged: {self.judgement.why}"
         return "score: " + ", ".join(failed_figures(self.score))
 
 

@@ -55,6 +55,11 @@ def _campaign(name: str, options: argparse.Namespace) -> Path | None:
 
 
 def _campaigns(a: CampaignFolder, b: CampaignFolder, options: argparse.Namespace) -> int:
+    if a.campaign.attended != b.campaign.attended:
+        raise ConfigurationError(
+            f"a person judged {(a if a.campaign.attended else b).path.name}, and the scorer the other campaign",
+            "compare campaigns with the same kind of verdict",
+        )
     first, second = _by_variant(a), _by_variant(b)
     pairs = [(name, name) for name in first if name in second]
     if options.variant:
@@ -70,7 +75,9 @@ def _campaigns(a: CampaignFolder, b: CampaignFolder, options: argparse.Namespace
         raise ConfigurationError("the campaigns have no variant in common", "name one with --variant")
     compared = {x: compare_trials(first[x], second[y]) for x, y in pairs}
     variants = {name: asdict(comparison) for name, comparison in compared.items()}
-    lines = [f"A  {a.path.name}, begun {a.campaign.begun}", f"B  {b.path.name}, begun {b.campaign.begun}"]
+    lines = [
+        f"{name}  {c.path.name}, {c.campaign.label}, begun {c.campaign.begun}" for name, c in (("A", a), ("B", b))
+    ]
     changed = changed_versions(a.campaign.program, b.campaign.program)
     if changed:
         lines.append(f"program: {'; '.join(changed)}")

@@ -18,7 +18,7 @@ from foldcell.cell.campaigns.trials.trial import Trial
 from foldcell.cell.commands.shared import teller
 from foldcell.cell.hardware.placement import refuse_unfit_folds
 from foldcell.cell.support.files.paths import campaign_folder, command_for, logs_directory, prepare_logs, space_for
-from foldcell.robots.errors import ConfigurationError, StorageError
+from foldcell.robots.errors import ConfigurationError, DriverError, StorageError
 
 __all__ = ["first_seed", "new_campaign", "perform", "resumed_campaign"]
 
@@ -76,22 +76,58 @@ def perform(
 
     If the campaign is interrupted, a message says how to continue it. Raises what `perform_campaign` raises.
     """
-    tell = teller(options.json)
     with campaign.owned():
-        finished, total = len(campaign.finished()), len(campaign.campaign.requests)
         try:
-            with chosen_workers(options.workers, options.cluster, campaign.path, RUNS_EACH) as workers:
-                for note in workers.notes:
-                    print(note, file=sys.stderr)
-                already = f", {finished} of them finished earlier" if finished else ""
-                tell(f"{total} runs{already}, {workers.count} at a time\nfolder   {campaign.path}")
-                progress = CampaignProgress(total, finished, workers.count, describe)
-                return perform_campaign(campaign, workers, lambda t: tell(progress.line(t)), write=write)
-        except ConfigurationError:  # no workers: do not leave a campaign that never began
-            if options.resume is None and not campaign.finished():
+            if campaign.campaign.attended:
+                trials = _attended(campaign, options)
+            else:
+                trials = _on_workers(campaign, options, write, describe)
+        except ConfigurationError:
+            if options.resume is None and not campaign.finished():  # do not leave a campaign that never began
                 shutil.rmtree(campaign.path)
             raise
-        except (KeyboardInterrupt, StorageError):
-            again = command_for(f"trials --resume {shlex.quote(str(campaign.path))}", campaign.path.parent)
-            print(f"{len(campaign.finished())} of {total} runs are finished; continue: {again}", file=sys.stderr)
+        except (KeyboardInterrupt, StorageError, DriverError):
+            _say_how_to_continue(campaign)
             raise
+        if campaign.campaign.attended:
+            _say_how_to_continue(campaign)
+        return trials
+
+
+def _on_workers(
+    campaign: CampaignFolder, options: argparse.Namespace, write: Write, describe: Callable[[Trial], str]
+) -> list[Trial]:
+    tell = teller(options.json)
+    finished, total = len(campaign.finished()), len(campaign.campaign.requests)
+    with chosen_workers(options.workers, options.cluster, campaign.path, RUNS_EACH) as workers:
+        for note in workers.notes:
+            print(note, file=sys.stderr)
+        already = f", {finished} of them finished earlier" if finished else ""
+        tell(f"{total} runs{already}, {workers.count} at a time\nfolder   {campaign.path}")
+        progress = CampaignProgress(total, finished, workers.count, describe)
+        return perform_campaign(campaign, workers, lambda t: tell(progress.line(t)), write=write)
+
+
+def _attended(campaign: CampaignFolder, options: argparse.Namespace) -> list[Trial]:
+    """Perform the missing runs with a person, until the person ends the day."""
+    if options.workers is not None or options.cluster is not None:
+        raise ConfigurationError("--workers and --cluster with a person", "a person attends one run at a time")
+    from foldcell.cell.campaigns.trials.attended import Session, attended_trials, judge_later
+
+    tell, trials = teller(options.json), campaign.finished()
+    tell(f"folder   {campaign.path}")
+    session = Session(options.page, options.page_port, options.page_origin or "", options.json)
+    progress = CampaignProgress(len(campaign.campaign.requests), len(trials), 1)
+    write_results(campaign, trials)
+    for trial in attended_trials(campaign, session.perform, judge_later):
+        trials.append(trial)
+        tell(progress.line(trial))
+        write_results(campaign, trials)
+    return trials
+
+
+def _say_how_to_continue(campaign: CampaignFolder) -> None:
+    finished, total = len(campaign.finished()), len(campaign.campaign.requests)
+    if finished < total or not campaign.campaign.attended:
+        again = command_for(f"trials --resume {shlex.quote(str(campaign.path))}", campaign.path.parent)
+        print(f"{finished} of {total} runs are finished; continue: {again}", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""`foldcell trials`: performs campaigns of runs in the simulated cell, over garments, seeds and variants."""
+"""`foldcell trials`: performs campaigns of runs over garments, seeds and variants, simulated or with a person."""
 
 from __future__ import annotations
 
@@ -22,10 +22,12 @@ from foldcell.cell.commands.shared import (
     driver_options,
     folder,
     logs_option,
+    page_options,
     seed,
     table,
 )
 from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.hardware.driver_names import is_simulated
 from foldcell.cell.record.words import figure, garment_name, interval, percent
 from foldcell.robots.errors import ConfigurationError
 
@@ -54,7 +56,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--resume", type=folder, metavar="DIR", help="continue the campaign in this folder")
     add_fault_options(parser)
-    driver_options(parser, real=False)  # no real cell: a person cannot lay the garment hundreds of times
+    driver_options(parser)
+    parser.add_argument(
+        "--attended", action="store_true",
+        help="a person lays each garment and judges each fold (always with --driver ros)",
+    )  # fmt: skip
+    parser.add_argument("--page", action="store_true", help="with a person: serve the operator's page")
+    page_options(parser)
     cell_option(parser)
     logs_option(parser)
 
@@ -62,6 +70,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Perform a campaign. Returns 0 if every run ended without a fault, 3 if a run ended in a fault or was not
     performed. A bad fold counts in the results but is not an error."""
+    attended = options.attended or not is_simulated(options.driver)
+    if attended and (options.hours is not None or options.faults is not None):
+        raise ConfigurationError(
+            "--hours or --faults with a person", "both need a simulated cell without a person"
+        )
     if options.hours is not None:
         others = ("file", "resume", "n", "keep", "cluster", "workers", "faults", "only", "pairs")
         _refuse(options, "--hours", others)
@@ -100,9 +113,10 @@ def _hours(text: str) -> float:
 def _campaign(options: argparse.Namespace) -> Campaign:
     """Return the new campaign. Everything is checked before anything is written."""
     settings = load_settings(options.cell)
+    attended = options.attended or not is_simulated(options.driver)
     if options.file is not None:
         _refuse(options, "a campaign file", ("garments", "n", "first_seed"))
-        campaign = read_campaign(options.file, settings, options.driver, options.world)
+        campaign = read_campaign(options.file, settings, options.driver, options.world, attended)
         if options.cell is not None and any(request.python for request in campaign.requests):
             raise ConfigurationError(
                 "--cell with a variant of another version, which may have other settings",
@@ -112,9 +126,9 @@ def _campaign(options: argparse.Namespace) -> Campaign:
     content = CampaignFile.model_validate({
         "garments": (options.garments or "all").split(","),
         "seeds": {"first": first_seed(options), "count": options.n or 10},
-        "keep": options.keep or "failures",
+        "keep": options.keep or ("all" if attended else "failures"),
     })  # fmt: skip
-    return campaign_of(content, settings, options.driver, options.world)
+    return campaign_of(content, settings, options.driver, options.world, attended)
 
 
 def _refuse(options: argparse.Namespace, given: str, names: Sequence[str]) -> None:
@@ -125,7 +139,11 @@ def _refuse(options: argparse.Namespace, given: str, names: Sequence[str]) -> No
 
 
 def _lines(folder: Path, results: CampaignResults) -> Iterator[str]:
-    yield "\nsimulated; folded: claimed and passed by the scorer; interval: Wilson, 95 %; times and IoU: medians"
+    judge = "the person" if results.campaign.attended else "the scorer"
+    yield (
+        f"\n{results.campaign.label}; folded: claimed and passed by {judge}; interval: Wilson, 95 %; "
+        "times and IoU: medians"
+    )
     several = len(results.variants) > 1
     rows = [row for variant in results.variants for row in variant.rows]
     names = (

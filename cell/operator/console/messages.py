@@ -7,6 +7,7 @@
 {"edit": {"keypoint": "top_left", "to": [0.5, 0.4]}, "question": 3}   (shares of the picture's width and height),
 {"edit": {"variant": "near_onto_far"}, "question": 3}             choose another fold variant,
 {"edit": {"arc": "other"}, "question": 3}                         ask for another arc
+{"judge": {"passed": false, "why": "a sleeve lies open"}, "question": 4}     the verdict on the folded garment
 {"control": true}                     take control: commands of other pages are then refused
 
 Commands are checked strictly: a command with an unknown key or a value of another type is refused, because it
@@ -23,7 +24,15 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-__all__ = ["CommandMessage", "ControlMessage", "EditMessage", "PlanChange", "StopMessage", "read_message"]
+__all__ = [
+    "CommandMessage",
+    "ControlMessage",
+    "EditMessage",
+    "JudgeMessage",
+    "PlanChange",
+    "StopMessage",
+    "read_message",
+]
 
 STOP = "stop"
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -70,16 +79,37 @@ class EditMessage(_Message):
     question: int
 
 
+class Verdict(_Message):
+    """A person's verdict on the folded garment. A garment that is not folded well needs a reason."""
+
+    passed: bool
+    why: str = Field("", max_length=500)
+
+    @model_validator(mode="after")
+    def _reasoned(self) -> Self:
+        if not self.passed and not self.why.strip():
+            raise ValueError("a reason is needed")
+        return self
+
+
+class JudgeMessage(_Message):
+    """The verdict, with the number of the question that asks for it."""
+
+    judge: Verdict
+    question: int
+
+
 class ControlMessage(_Message):
     """The request of a page to take control of the run."""
 
     control: Literal[True]
 
 
-KINDS: dict[str, type[ControlMessage] | type[EditMessage]] = {"control": ControlMessage, "edit": EditMessage}
+Message = ControlMessage | EditMessage | JudgeMessage | CommandMessage
+KINDS: dict[str, type[Message]] = {"control": ControlMessage, "edit": EditMessage, "judge": JudgeMessage}
 
 
-def read_message(text: str | bytes) -> StopMessage | CommandMessage | EditMessage | ControlMessage | None:
+def read_message(text: str | bytes) -> StopMessage | Message | None:
     """Parse the text of a WebSocket frame from the page. Returns None if it is not a message."""
     try:
         message: Any = json.loads(text)

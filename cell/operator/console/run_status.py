@@ -8,7 +8,7 @@ consistent snapshot.
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from typing import Any
 from foldcell.cell.executive.machine import complete_table
 from foldcell.cell.journal.checkpoint_file import has_checkpoint
 from foldcell.cell.operator.console.questions import RECOGNISED, consequences, plan_facts, question
+from foldcell.cell.record.judgement import Judgement
 from foldcell.cell.record.run_record import RunRecord
 from foldcell.cell.record.run_record_builder import RunRecordBuilder
 from foldcell.cell.record.words import COMMANDS, capital, claim_in_words, garment_name, plain
@@ -57,6 +58,7 @@ class RunStatus:
         self._note = ""
         self._wanted: str | None = None
         self._end: dict[str, Any] | None = None
+        self._judge: Callable[[Judgement], None] | None = None
         self.version = 0
 
     # observer of the runner
@@ -93,6 +95,13 @@ class RunStatus:
             self._question += what is not None
             self.version += 1
 
+    def judge(self, judge: Callable[[Judgement], None] | None) -> None:
+        """Ask for the verdict on the folded garment, and pass it to `judge`. None withdraws the question."""
+        with self._lock:
+            self._judge = judge
+            self._question += judge is not None
+            self.version += 1
+
     def note_command(self, command: Event) -> None:
         """Note a command from the page or the terminal. After PAUSE, the page offers RESUME in its place."""
         with self._lock:
@@ -125,6 +134,14 @@ class RunStatus:
         with self._lock:
             return self._asking() and question == self._question
 
+    def judged(self, question: int, judgement: Judgement) -> bool:
+        """Pass the verdict on. Returns False if `question` is not the number of the open question about it."""
+        with self._lock:
+            judge = self._judge if question == self._question else None
+        if judge is not None:
+            judge(judgement)
+        return judge is not None
+
     def snapshot(self) -> dict[str, Any]:
         with self._lock:
             allowed = self._allowed_now()
@@ -144,6 +161,7 @@ class RunStatus:
                 "note": self._note,
                 "pausing": self._pausing,
                 "end": self._end,
+                "judging": self._question if self._judge else None,
             }
 
     def _allowed_now(self) -> frozenset[Event]:
@@ -152,7 +170,7 @@ class RunStatus:
         allowed = _ALLOWED[self._state] - ({Event.PAUSE} if self._asking() else set())  # no motion to pause
         if self._state is State.AWAITING_APPROVAL and self._context.fold.repair is not None:
             allowed -= {Event.SKIP}
-        allowed |= {Event.APPROVE} if self._wanted else set()
+        allowed |= {Event.APPROVE, Event.ABORT} if self._wanted else set()
         return allowed - {Event.PAUSE} | {Event.RESUME} if self._pausing and Event.PAUSE in allowed else allowed
 
     def _asking(self) -> bool:

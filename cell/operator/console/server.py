@@ -26,10 +26,17 @@ from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
 from foldcell.cell.operator.console.live_view import LiveView
-from foldcell.cell.operator.console.messages import ControlMessage, EditMessage, StopMessage, read_message
+from foldcell.cell.operator.console.messages import (
+    ControlMessage,
+    EditMessage,
+    JudgeMessage,
+    StopMessage,
+    read_message,
+)
 from foldcell.cell.operator.console.run_status import RunStatus
 from foldcell.cell.operator.console.viewer_routes import viewer_routes
 from foldcell.cell.operator.local_server import origins, served
+from foldcell.cell.record.judgement import Judgement
 from foldcell.cell.states.commands import ANSWERS, CommandQueue
 from foldcell.cell.states.state_chart import marked_chart
 from foldcell.cell.states.transition_table import Event
@@ -197,6 +204,11 @@ class _Page:
             return {"refused": "another page has control: take control first", "control": self._control(page)}
         if isinstance(message, EditMessage):
             return self._edited(message, page)
+        if isinstance(message, JudgeMessage):
+            judgement = Judgement(message.judge.passed, message.judge.why.strip())
+            if self._run_status.judged(message.question, judgement):
+                return {"noted": "verdict"}
+            return {"refused": "the garment is not judged now"}
         command = next((event for event in self._run_status.allowed() if event.value == message.say), None)
         if command is None:
             return {"refused": "this command is not possible now"}

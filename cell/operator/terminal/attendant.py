@@ -7,11 +7,12 @@ from collections.abc import Callable
 from foldcell.cell.states.commands import ABORTED, CommandQueue
 from foldcell.cell.states.transition_table import Event
 from foldcell.robots.errors import DriverError, FailureKind
-from foldcell.robots.ports import BoardPlace, Clock, Stop
+from foldcell.robots.ports import Attendant, BoardPlace, Clock, Stop
 
 __all__ = ["PersonAttendant"]
 
 POLL_S = 0.1
+LAY = "lay the garment flat on the table and step back"
 BOARD = {
     BoardPlace.AWAY: "hold the calibration board: if a gripper has it, it opens after you approve",
     BoardPlace.SHOWN: "hold the calibration board in front of the camera, in a new pose",
@@ -23,12 +24,16 @@ BOARD = {
 class PersonAttendant:
     """The attendant of a real cell: asks a person to act and waits until the person answers with APPROVE.
 
-    ask: shows the request; called with None when the request no longer applies. Raises DriverError: ABORTED if the
+    ask: shows the request; called with None when the request no longer applies. lay: the request to lay the
+    garment. hands: of a simulated cell, does what the person says was done. Raises DriverError: ABORTED if the
     operator ends the run or has left, STOPPED if the stop is triggered.
     """
 
-    def __init__(self, commands: CommandQueue, stop: Stop, ask: Callable[[str | None], None]) -> None:
-        self._commands, self._ask = commands, ask
+    def __init__(
+        self, commands: CommandQueue, stop: Stop, ask: Callable[[str | None], None], lay: str = LAY,
+        hands: Attendant | None = None,
+    ) -> None:  # fmt: skip
+        self._commands, self._ask, self._lay, self._hands = commands, ask, lay, hands
         self.stop = stop
         """The stop that is polled during the wait for the person."""
         self.clock: Clock | None = None
@@ -36,12 +41,15 @@ class PersonAttendant:
         it advances."""
 
     def lay_garment(self) -> None:
-        self._wait_for("lay the garment flat on the table and step back")
+        self.wait_for(self._lay)
+        if self._hands is not None:
+            self._hands.lay_garment()
 
     def bring_board(self, place: BoardPlace) -> None:
-        self._wait_for(BOARD[place])
+        self.wait_for(BOARD[place])
 
-    def _wait_for(self, what: str) -> None:
+    def wait_for(self, what: str) -> None:
+        """Ask the person for something, and wait until the person approves."""
         self._commands.drop({Event.APPROVE})  # an earlier approval is no answer to this request
         self._ask(what)
         try:

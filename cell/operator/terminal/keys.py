@@ -9,7 +9,7 @@ import os
 from collections.abc import Callable, Mapping, Set
 from contextlib import suppress
 from threading import Lock, Thread
-from typing import ClassVar, TextIO
+from typing import ClassVar, Protocol, TextIO
 from weakref import WeakKeyDictionary
 
 from foldcell.cell.record.words import COMMANDS
@@ -17,7 +17,7 @@ from foldcell.cell.states.commands import OPERATOR_EVENTS, CommandQueue
 from foldcell.cell.states.transition_table import Event
 from foldcell.robots.errors import ConfigurationError
 
-__all__ = ["KEYS", "TerminalOperator", "check_terminal", "in_foreground"]
+__all__ = ["KEYS", "TerminalOperator", "TypedLines", "check_terminal", "in_foreground"]
 
 KEYS: Mapping[str, Event] = {
     "a": Event.APPROVE,
@@ -30,31 +30,39 @@ KEYS: Mapping[str, Event] = {
 HELP = "  ".join(f"{key} {COMMANDS[event]}" for key, event in KEYS.items()) + "  Ctrl-C stop"
 
 
-class _Lines:
+class Listener(Protocol):
+    def take(self, line: str) -> None:
+        """Handle a typed line, without spaces around it."""
+
+    def left(self) -> None:
+        """Called when the source has ended."""
+
+
+class TypedLines:
     """Reads the lines typed into a source on a daemon thread and passes them to the present listener. There is one
     reader per source. When a new run begins, its operator becomes the listener in place of the operator of the
     previous run."""
 
-    _of: ClassVar[WeakKeyDictionary[TextIO, _Lines]] = WeakKeyDictionary()
+    _of: ClassVar[WeakKeyDictionary[TextIO, TypedLines]] = WeakKeyDictionary()
 
     def __init__(self, source: TextIO) -> None:
-        self._listener: TerminalOperator | None = None
+        self._listener: Listener | None = None
         self._lock = Lock()
         self._ended = False
         self.thread = Thread(target=self._read, args=(source,), name="terminal-operator", daemon=True)
 
     @classmethod
-    def of(cls, source: TextIO) -> _Lines:
+    def of(cls, source: TextIO) -> TypedLines:
         return cls._of.setdefault(source, cls(source))
 
-    def listen(self, operator: TerminalOperator) -> None:
-        """Pass lines to `operator` from now on. If the source has ended, inform the operator immediately."""
+    def listen(self, listener: Listener) -> None:
+        """Pass lines to `listener` from now on. If the source has ended, inform the listener immediately."""
         with self._lock:
-            self._listener, begin, ended = operator, self.thread.ident is None, self._ended
+            self._listener, begin, ended = listener, self.thread.ident is None, self._ended
         if begin:
             self.thread.start()
         elif ended:
-            operator.left()
+            listener.left()
 
     def _read(self, source: TextIO) -> None:
         with suppress(OSError, ValueError):  # the source was closed
@@ -62,7 +70,7 @@ class _Lines:
                 with self._lock:
                     listener = self._listener
                 if listener is not None:
-                    listener.take(line.strip().lower())
+                    listener.take(line.strip())
         with self._lock:
             self._ended, listener = True, self._listener
         if listener is not None:
@@ -87,7 +95,7 @@ class TerminalOperator:
         """answers: stream for answers to the operator; may: returns the commands that are possible now."""
         self._commands, self._alone, self._may = commands, alone, may
         self._hints = alone or source.isatty()  # beside a page, show the keys only if somebody can type here
-        self._lines = _Lines.of(source)
+        self._lines = TypedLines.of(source)
         self._answers = answers
 
     def start(self) -> None:
@@ -100,12 +108,11 @@ class TerminalOperator:
         self._lines.thread.join(timeout)
 
     def left(self) -> None:
-        """Called when the source has ended."""
         if self._alone:
             self._commands.close()
 
-    def take(self, word: str) -> None:
-        """Handle a typed line. word: the line in lower case, without spaces around it."""
+    def take(self, line: str) -> None:
+        word = line.lower()
         if not word:
             return
         event = KEYS.get(word) or next((e for e in KEYS.values() if word in (e.value, COMMANDS[e])), None)

@@ -9,13 +9,13 @@ from typing import Any
 import pytest
 
 from foldcell.cell.executive.effects import EFFECTS
-from foldcell.cell.executive.machine import complete_table
 from foldcell.cell.executive.runner import Runner
 from foldcell.cell.hardware.workcell import Workcell
 from foldcell.cell.states.recovery_table import RECOVERIES
 from foldcell.cell.states.run_context import Result, RunContext, RunEnd
-from foldcell.cell.states.transition_table import TERMINAL, TRANSITIONS, Effect, Event, Row, State
+from foldcell.cell.states.transition_table import TERMINAL, TRANSITIONS, Effect, Event, State
 from foldcell.robots.errors import DriverError, Failure, FailureKind, InternalError, StorageError
+from tests.builders.ways import WAYS
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
 
@@ -29,21 +29,6 @@ USUAL = {
 } | {question: Event.ABORT for question in (Effect.ASK_APPROVAL, Effect.ASK_OPERATOR, Effect.WAIT)}
 """The event of each effect that succeeds. Other effects end with DONE."""
 BUGS = (ZeroDivisionError("a bug"), AssertionError(), InternalError("a bug"), StorageError("a file is gone"))
-
-
-def ways() -> dict[tuple[State, Effect], tuple[Row, ...]]:
-    """The shortest path through the table to each state and effect."""
-    found: dict[tuple[State, Effect], tuple[Row, ...]] = {}
-    ends: list[tuple[State, tuple[Row, ...]]] = [(State.IDLE, ())]
-    for state, way in ends:  # the list grows during the loop
-        for row in (row for row in complete_table() if row.state is state and row.event is not Event.UNRECORDED):
-            if (row.target, row.effect) not in found:
-                found[row.target, row.effect] = (*way, row)
-                ends.append((row.target, (*way, row)))
-    return {place: way for place, way in found.items() if place[0] not in TERMINAL}
-
-
-WAYS = ways()
 
 
 class FakeJournal:

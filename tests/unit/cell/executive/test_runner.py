@@ -604,6 +604,30 @@ def test_an_abort_makes_the_cell_safe_and_lays_cloth_in_the_hands_back_before(
     assert rig.performed[-len(tail) - 2 :] == [*tail, Effect.MAKE_SAFE, Effect.NOTHING]
 
 
+def laid_back_and_ended(cell: Any, context: RunContext) -> Result:
+    assert context.failure is not None and context.failure.kind is K.ABORTED, "the run ends after the laying"
+    return Result(Event.GIVE_UP, context)
+
+
+@pytest.mark.parametrize("presses", [1, 2, 3])
+@pytest.mark.parametrize("kind", [K.SLIPPED, K.ABORTED])
+def test_an_abort_before_the_laying_does_not_drop_the_cloth(rig: Rig, kind: FailureKind, presses: int) -> None:
+    """The key to end the run is pressed twice, or in the tick in which the fold fails."""
+    rig.special |= {Effect.FOLD: failing(kind), Effect.LAY_BACK: laid_back_and_ended}
+    rig.after[Effect.FOLD] = lambda: [rig.say(Event.ABORT)() for _ in range(presses)]
+    assert rig.run().state is State.NOT_FOLDED
+    assert rig.performed[-4:] == [Effect.FOLD, Effect.LAY_BACK, Effect.MAKE_SAFE, Effect.NOTHING]
+    assert rig.workcell.commands.take({Event.ABORT}) is None
+
+
+def test_an_abort_in_a_pause_before_the_laying_does_not_drop_the_cloth(rig: Rig) -> None:
+    rig.special |= {Effect.FOLD: failing(K.SLIPPED), Effect.LAY_BACK: laid_back_and_ended}
+    rig.after[Effect.FOLD] = rig.say(Event.PAUSE)
+    rig.answer(Effect.WAIT, rig.say(Event.ABORT))
+    assert rig.run().state is State.NOT_FOLDED
+    assert rig.performed[-4:] == [Effect.WAIT, Effect.LAY_BACK, Effect.MAKE_SAFE, Effect.NOTHING]
+
+
 def test_a_pause_does_not_prevent_making_the_cell_safe(rig: Rig) -> None:
     rig.special[Effect.LOOK] = failing(K.HARDWARE_FAULT)
     rig.after[Effect.CHOOSE_RECOVERY] = rig.say(Event.PAUSE)

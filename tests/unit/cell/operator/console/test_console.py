@@ -24,6 +24,7 @@ from foldcell.cell.operator.console.live_view import LiveView
 from foldcell.cell.operator.console.run_status import RunStatus
 from foldcell.cell.operator.console.server import operators_page
 from foldcell.cell.operator.local_server import open_listener
+from foldcell.cell.record.judgement import Judgement
 from foldcell.cell.states.commands import CommandQueue
 from foldcell.cell.states.observers import Step
 from foldcell.cell.states.plan_edit import PlanEdit
@@ -467,3 +468,15 @@ def test_the_pause_note_disappears_after_the_pause(board: RunStatus) -> None:
     board.note_command(Event.RESUME)
     board.note("going on")
     assert board.snapshot()["note"] == "going on" and board.snapshot()["allowed"] == ["pause", "abort"]
+
+
+def test_the_page_in_control_gives_the_verdict(address: str, board: RunStatus) -> None:
+    given: list[Judgement] = []
+    board.judge(given.append)
+    number = board.snapshot()["judging"]
+    with linked(address, page="one") as one, linked(address, page="two") as two:
+        assert told(one, "run_status")["judging"] == number
+        assert "refused" in say(two, judge={"passed": True}, question=number)
+        assert "refused" in say(one, judge={"passed": True}, question=number - 1)
+        assert say(one, judge={"passed": False, "why": " open "}, question=number) == {"noted": "verdict"}
+    assert given == [Judgement(False, "open")]

@@ -264,3 +264,25 @@ def test_a_grasp_is_moved_with_the_keyboard(page: Page) -> None:
 def test_escape_stops(page: Page) -> None:
     said = page([run_status()], PRESS_ESCAPE)
     assert json.loads(said.get(timeout=60.0)) == {"stop": True}
+
+
+GIVE_A_REASON = """
+<script>
+setTimeout(() => {
+  const early = at("not-passed").disabled;  // the reason is missing
+  at("why").value = " a sleeve lies open ";
+  at("why").oninput();
+  at("why").dispatchEvent(new KeyboardEvent("keydown", { key: "q", bubbles: true }));  // a letter of the reason
+  if (early && at("end").hidden) at("not-passed").click();
+}, 1000);
+</script>
+"""
+
+
+def test_a_person_judges_with_a_reason_and_without_the_claim_of_the_cell(page: Page) -> None:
+    board = run_status(simulated=False)
+    board.finish(run_record(driver="ros", simulated=False))
+    board.judge(lambda judgement: None)
+    said = page([board], GIVE_A_REASON)
+    verdict = {"passed": False, "why": " a sleeve lies open "}
+    assert json.loads(said.get(timeout=30.0)) == {"judge": verdict, "question": board.snapshot()["judging"]}
