@@ -16,7 +16,7 @@ from foldcell.cell.config.garments.new_garment import new_garment_text
 from foldcell.cell.hardware.camera import camera_calibration
 from foldcell.cell.hardware.cell_check import refuse_unfit_cell
 from foldcell.cell.hardware.robot_model import load_robot
-from foldcell.cell.planning.fold_planning import motion_rng
+from foldcell.cell.planning.fold_planning import motion_rng, reach_height
 from foldcell.cell.support.files.whole_file import write_whole
 from foldcell.robots.errors import ConfigurationError
 from foldcell.robots.model import RobotModel
@@ -102,7 +102,8 @@ def placed_folds(garment: Garment, settings: CellSettings, model: RobotModel, po
                 model, checker, settings.table, plain_paths(step, garment), model.q_park,
                 limits=model.limits(settings.motion.accelerations, settings.motion.velocity_scale),
                 tool_speed=min(garment.max_tool_speed, settings.motion.tool_speed),
-                approach_height=settings.motion.approach_height, rng=motion_rng(),
+                approach_height=settings.motion.approach_height, reach_height=reach_height(settings),
+                rng=motion_rng(),
             )  # fmt: skip
             if motion.failure is None:
                 found = variant.name

@@ -16,6 +16,7 @@ from foldcell.skills.cloth.predict import FoldPrediction, predict_fold
 from foldcell.skills.garments.garment import Garment
 from foldcell.skills.motion.kinematics.posture import Posture
 from foldcell.skills.motion.moves.fold import FoldMotion, plan_hands_motion
+from foldcell.skills.motion.moves.retreat import RETREAT_HEIGHT
 from foldcell.skills.motion.validation.collision import CollisionChecker
 from foldcell.skills.trajectory.arcs.paths import after_lift
 from foldcell.skills.trajectory.search.optimise import ClothPredictor, Progress, Watch, optimise_fold
@@ -27,6 +28,7 @@ __all__ = [
     "motion_rng",
     "plan_arms",
     "predict_motion",
+    "reach_height",
     "search_rng",
     "search_trajectory",
     "simulated_paths",
@@ -42,6 +44,12 @@ of pictures by the camera."""
 def tool_speed(settings: CellSettings, garment: Garment) -> float:
     """Return the largest speed of the tools with this garment in hand [m/s]."""
     return min(garment.max_tool_speed, settings.motion.tool_speed)
+
+
+def reach_height(settings: CellSettings) -> float:
+    """Return the height above a grasp that a posture has to reach [m]: as high as the hands rise after a fold, so
+    that postures at the edge of their reach are not chosen."""
+    return max(settings.motion.approach_height, RETREAT_HEIGHT)
 
 
 def motion_rng() -> np.random.Generator:
@@ -116,7 +124,8 @@ def plan_arms(
     return plan_hands_motion(
         model, checker, settings.table, paths, q_now, limits=limits,
         tool_speed=tool_speed(settings, garment), approach_height=settings.motion.approach_height,
-        lift=settings.grasp.lift_height, rng=rng, avoid=avoid, upright_grasps=layers_stay,
+        reach_height=reach_height(settings), lift=settings.grasp.lift_height, rng=rng, avoid=avoid,
+        upright_grasps=layers_stay,
     )  # fmt: skip
 
 

@@ -63,6 +63,7 @@ def plan_hands_motion(
     limits: JointLimits | None = None,
     tool_speed: float | None = None,
     approach_height: float = APPROACH_HEIGHT,
+    reach_height: float | None = None,
     lift: float = 0.0,
     avoid: Sequence[Mapping[Side, Posture]] = (),
     upright_grasps: bool = False,
@@ -71,6 +72,8 @@ def plan_hands_motion(
     """Plan the hands' motion from q_now (joints,), at rest: to points above the starts of their paths, down, along
     the paths, up and to the parked pose.
 
+    reach_height: height above the starts that the postures have to reach, so that they are not at the edge of
+    their reach there [m]; None: approach_height.
     The function chooses the lean of the hands, and the arm for each path. limits: the model's planning limits when
     None. tool_speed: maximum speed while the cloth is held [m/s]. lift: height of a straight lift between grasp
     and fold [m]; the paths then begin higher by this height. avoid: postures of earlier motions, which are not
@@ -93,10 +96,11 @@ def plan_hands_motion(
     )  # fmt: skip
     intended = intended_duration(paths, tool_speed)
     tried: list[Mapping[Side, Posture]] = list(avoid)
+    above = approach_height if reach_height is None else reach_height
     first_failure: Failure | None = None
     for _ in range(SEARCHES):
         ranked = rank_postures(
-            model, checker, table, paths, q_now, above=approach_height, below=RETREAT_HEIGHT, avoid=tried,
+            model, checker, table, paths, q_now, above=above, below=RETREAT_HEIGHT, avoid=tried,
             upright_grasps=upright_grasps,
         )  # fmt: skip
         if ranked.failure:
@@ -112,7 +116,7 @@ def plan_hands_motion(
     if first_failure or avoid:  # With `avoid`, a recovery wants other postures, not a shift of the garment.
         return Outcome(failure=failure)
     with_suggestion = with_shift_suggestion(
-        model, checker, table, paths, q_now, failure, above=approach_height, below=RETREAT_HEIGHT
+        model, checker, table, paths, q_now, failure, above=above, below=RETREAT_HEIGHT
     )
     return Outcome(failure=with_suggestion)
 

@@ -14,6 +14,7 @@ import numpy as np
 from foldcell.robots.errors import Failure, FailureKind
 from foldcell.robots.model import RobotModel
 from foldcell.robots.ports import Array, Side
+from foldcell.skills.motion.kinematics import ik
 from foldcell.skills.motion.validation.collision import CollisionChecker, Contact
 from foldcell.skills.plane import resampled
 
@@ -26,9 +27,14 @@ SHORTCUTS = 60
 COARSE, FINE = 0.05, 0.01
 """Spacing of the collision checks along a path [rad, joint with the largest motion]. At the coarse spacing, a
 collision of hands that pass each other can be missed."""
-LEAD_SHARES = ((0.65, 0.35), (0.8, 0.2), (1.0, 0.0))
+LEAD_SHARES = ((0.2, 0.0), (0.4, 0.0), (0.6, 0.0), (0.65, 0.35), (0.8, 0.2), (1.0, 0.0))
 """For paths on which one arm moves ahead of the other: how far (0..1) the leading and the trailing arm have moved
 towards the goal at the way-point."""
+STOP_S = 0.3
+"""Time that a stop at a way-point adds, about [s]."""
+NEAR, APART = 0.30, ((0.0, 0.04), (0.04, 0.04), (0.0, 0.08), (0.04, 0.08))
+"""Hands that are nearer to each other than NEAR may first move apart: each away from the other along the forward
+axis, and towards its own side, by these lengths [m]."""
 
 
 def candidate_paths(
@@ -40,7 +46,7 @@ def candidate_paths(
     or "rrt". The second RRT path, which is the last one, is checked for collision at the fine spacing, all other
     paths at the coarse spacing.
     """
-    for via in _fixed_waypoints(model, q0, q1):
+    for via in sorted(_fixed_waypoints(model, q0, q1), key=lambda via: _seconds(model, [q0, *via, q1])):
         points = np.array([q0, *via, q1])
         if _free(checker, points):
             yield "via" if via else "straight", points
@@ -97,10 +103,11 @@ def blend_corners(points: Array, share: float) -> Array:
 
 
 def _fixed_waypoints(model: RobotModel, q0: Array, q1: Array) -> list[list[Array]]:
-    """Return lists of intermediate way-points, to be tried in turn; usually one list gives a free path.
+    """Return lists of intermediate way-points; usually one list gives a free path.
 
     (1) No way-point. (2) A way-point at which one arm is ahead of the other. (3) Both arms pass through the parked
-    pose. (4) One arm parks while the other moves to its goal.
+    pose. (4) One arm parks while the other moves to its goal. (5) Hands that start or end near each other move
+    apart first, or together last.
     """
     left, right = model.arm(Side.LEFT), model.arm(Side.RIGHT)
 
@@ -118,7 +125,40 @@ def _fixed_waypoints(model: RobotModel, q0: Array, q1: Array) -> list[list[Array
         aside, at_goal = q0.copy(), q1.copy()
         aside[cut] = at_goal[cut] = model.q_park[cut]
         waypoints.append([aside, at_goal])
+    for by in APART:
+        first, last = ([q for q in [_apart(model, end, *by)] if q is not None] for end in (q0, q1))
+        waypoints += [way for way in ([*first], [*last], [*first, *last]) if way]
     return waypoints
+
+
+def _apart(model: RobotModel, q: Array, forward: float, aside: float) -> Array | None:
+    """Return q (joints,) with each hand moved away from the other along the forward axis, and towards the side
+    where it is parked, by these lengths [m]. Arms that cross then pass each other. None if the hands are not near
+    each other, or cannot move so."""
+    poses, parked = (
+        {side: ik.tool_pose(model.chains[side], joints[model.arm(side)]) for side in Side}
+        for joints in (q, model.q_park)
+    )
+    gap = poses[Side.LEFT][:2, 3] - poses[Side.RIGHT][:2, 3]
+    sideways = parked[Side.LEFT][:2, 3] - parked[Side.RIGHT][:2, 3]
+    sideways /= np.linalg.norm(sideways)
+    ahead = np.array([sideways[1], -sideways[0]])
+    if not np.linalg.norm(gap) < NEAR:
+        return None
+    shift, out = forward * np.sign(gap @ ahead) * ahead + aside * sideways, q.copy()
+    for side, sign in ((Side.LEFT, 1.0), (Side.RIGHT, -1.0)):
+        poses[side][:2, 3] += sign * shift
+        solved = ik.solve_pose(model, side, poses[side], q[model.arm(side)], gain=0.0)
+        if solved is None:
+            return None
+        out[model.arm(side)] = solved
+    return out
+
+
+def _seconds(model: RobotModel, points: list[Array]) -> float:
+    """Return about the time of a path with stops at its points [s]."""
+    way = np.abs(np.diff(points, axis=0)) / model.planning.velocity
+    return float((way.max(axis=1) + STOP_S).sum())
 
 
 def _free(checker: CollisionChecker, points: Array) -> bool:

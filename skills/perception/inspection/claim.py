@@ -35,7 +35,10 @@ class Claim:
     drift_rad: float
     says: str
     probable_flat: float = 1.0
-    """Probability that the garment is flat. It decides whether a fold that is claimed flat is pressed."""
+    """Probability that the garment is flat."""
+    probable_pressed: tuple[float, ...] = ()
+    """Predicted probability that it is flat after one more pressing of its crease, after two, and so on. With
+    `probable_flat` it decides whether the fold is pressed."""
 
     @property
     def holds(self) -> bool:
@@ -50,6 +53,6 @@ class Claim:
 
 def claim_to_dict(claim: Claim) -> dict[str, bool | float | str | None]:
     """Return the claim as a mapping, in the form that results use. Figures that are not visible are None. The
-    reliability stands for the probabilities of the parts."""
-    told = {k: v for k, v in asdict(claim).items() if k != "probable_flat"}
+    reliability stands for the probabilities."""
+    told = {k: v for k, v in asdict(claim).items() if k not in {"probable_flat", "probable_pressed"}}
     return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in told.items()}

@@ -8,6 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from foldcell.cell.config.cell_settings import load_settings
+from foldcell.cell.planning.fold_planning import reach_height
 from foldcell.robots.baxter.robot import load_model
 from foldcell.robots.errors import Failure, FailureKind
 from foldcell.robots.ports import Side, arm_slice
@@ -18,9 +20,10 @@ from foldcell.skills.motion.moves.fold import plan_hands_motion
 from foldcell.skills.motion.moves.free_motion import plan_free_motion
 from foldcell.skills.motion.moves.grasp import plan_grasp
 from foldcell.skills.motion.moves.lift import plan_lift
+from foldcell.skills.motion.moves.posture_search import rank_postures
 from foldcell.skills.motion.moves.retreat import CAREFUL_RISE, plan_retreat
 from foldcell.skills.motion.timing.inputs import LONGEST_MOTION
-from foldcell.skills.motion.timing.timing import peaks
+from foldcell.skills.motion.timing.timing import free_motion, peaks
 from foldcell.skills.motion.validation.collision import CollisionChecker
 from foldcell.skills.motion.validation.trajectory_check import check_trajectory
 from foldcell.skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId, Outcome, Table, ToolPath, tool_rotation
@@ -117,6 +120,22 @@ def test_hands_on_the_two_ends_of_a_cuff_lean_away_from_each_other(checker, monk
     assert checker.first_collision(motion.fold.q, allow_fingertips=True) is None
     monkeypatch.setattr("foldcell.skills.motion.moves.posture_search.WIDE_CANDIDATES", 8)
     assert "not both together" in planned(checker, step, paths, lift=0.03).failure.what
+
+
+def test_postures_reach_higher_than_the_descent_begins(checker, monkeypatch):
+    """Otherwise the half fold of a large towel, whose corners are at the edge of the left arm's reach, gets
+    postures that cannot rise after the release."""
+    asked, rank = [], rank_postures
+    monkeypatch.setattr(
+        "foldcell.skills.motion.moves.fold.rank_postures",
+        lambda *given, above, **more: asked.append(above) or rank(*given, above=above, **more),
+    )
+    step, paths = towel_fold("small", 1)
+    motion = planned(checker, step, paths, approach_height=0.06, reach_height=0.10).unwrap()
+    assert asked == [0.10] and reach_height(load_settings()) == 0.10
+    for side, posture in motion.postures.items():
+        tool = MODEL.tool_pose(side, motion.q_above)[:3, 3]
+        assert tool[2] - TABLE.height - paths[posture.path].position[0, 2] == pytest.approx(0.06, abs=1e-3)
 
 
 @pytest.mark.parametrize("angle_deg", [0, 10])
@@ -473,6 +492,23 @@ def test_the_motion_home_from_close_hands_passes_the_execution_check(checker):
     for q in free:
         motion = plan_free_motion(MODEL, checker, q, MODEL.q_park).unwrap()
         assert check_trajectory(MODEL, checker, motion, q, MODEL.planning).ok
+
+
+def test_arms_that_cross_at_a_cuff_pass_each_other_on_the_way_home(checker):
+    """The end of three folds of a T-shirt's sleeves. On a straight motion the forearms collide at its beginning;
+    the random search finds detours of 3.4 to 4.4 s."""
+    ends = (
+        *(-0.62, -0.443, -1.204, 1.712, 1.353, 1.014, 1.471, 0.58, -0.231, 1.307, 1.297, -1.388, 1.52, 0.863),
+        *(-0.819, -0.581, -0.757, 1.36, 1.005, 1.293, -0.738, 0.518, 0.025, 1.53, 1.744, -1.852, 1.232, -1.307),
+        *(-0.479, -0.194, -1.337, 1.794, -1.461, -0.989, 1.326, 0.541, -0.19, 1.3, 1.077, -1.182, 1.578, 0.546),
+    )
+    for q in np.reshape(ends, (3, 14)):
+        assert not checker.edge_free(q, MODEL.q_park)
+        for start, end in ((q, MODEL.q_park), (MODEL.q_park, q)):
+            found = plan_free_motion(MODEL, checker, start, end)
+            straight = free_motion(start, end, MODEL.planning).duration
+            assert found.notes["way"] == "via" and found.unwrap().duration < straight + 0.8
+            assert check_trajectory(MODEL, checker, found.unwrap(), start, MODEL.planning).ok
 
 
 def test_rrt_connect_finds_the_same_path_for_the_same_seed(checker):

@@ -25,6 +25,7 @@ from foldcell.robots.ports import ArmTrajectory, GripperState, Side, TactileRead
 from foldcell.skills.cloth.mesh import ClothMesh
 from foldcell.skills.fold_plan.pressing import OPENING, Dab, press_paths
 from foldcell.skills.grasping.hand_reading import HandReading
+from foldcell.skills.perception.inspection.claim import Claim
 from foldcell.skills.perception.inspection.inspect import Inspection
 from foldcell.skills.perception.inspection.moved_edge import MovedEdge
 from foldcell.skills.perception.rectification.table_view import TableView
@@ -99,10 +100,16 @@ def seen(
         "predicted": PredictedShape(folded, plan.mesh.triangles, plan.mesh.rest),
         "pressed": tuple(inspection(height_m=before) for before in pressed),
         "press_tries": len(pressed),
-        "claim": a_claim(flat=False),
+        "claim": too_high(),
         "frame": FakeCell().ports().camera.capture(),
     }
     return replace(context_with(**{**known, **changes}), plan=plan)
+
+
+def too_high(*after: float, **changes: Any) -> Claim:
+    """A claim about a fold that is too high. after: probabilities that it is flat after one more pressing, two."""
+    known: dict[str, Any] = {"flat": False, "probable_flat": 0.1, "probable_pressed": after or (0.9, 0.95, 0.99)}
+    return a_claim(**{**known, **changes})
 
 
 def plan_pressing(workcell: Any, context: RunContext) -> PressPlan | None:
@@ -131,15 +138,17 @@ HEAP = {"diagnosis": FailureKind.PILING, "claim": None}
         (1, float("nan"), {}, False),
         (1, 0.030, {"claim": a_claim(flat=True)}, False),
         (1, 0.030, {"claim": None}, False),
-        # so near to its limit that the claim is not sure
-        (1, 0.030, {"claim": a_claim(probable_flat=0.85)}, True),
-        (1, 0.030, {"claim": a_claim(probable_flat=0.95)}, False),
-        # pressing mends no shape, and it lowers a stack by a quarter
-        (1, 0.030, {"claim": a_claim(shape=False, flat=False)}, False),
-        (1, 0.030, {"claim": a_claim(flat=False, height_m=0.023)}, True),
-        (1, 0.030, {"claim": a_claim(flat=False, height_m=0.025)}, False),
-        (2, 0.030, {"claim": a_claim(flat=False, height_m=0.025)}, True),
-        (2, 0.030, {"claim": a_claim(flat=False, crease_height_m=0.055)}, False),
+        # so near to its limit that the claim is not sure: pressing is worth its time if it makes it much surer
+        (1, 0.030, {"claim": a_claim(probable_flat=0.80, probable_pressed=(0.94,))}, True),
+        (1, 0.030, {"claim": a_claim(probable_flat=0.88, probable_pressed=(0.98,))}, False),
+        (1, 0.030, {"claim": a_claim(probable_flat=0.80, probable_pressed=(0.90,))}, False),
+        (2, 0.030, {"claim": a_claim(probable_flat=0.80, probable_pressed=(0.90, 0.94))}, False),
+        # pressing mends no shape, and a fold that stays too high is not worth it
+        (1, 0.030, {"claim": too_high(shape=False)}, False),
+        (1, 0.030, {"claim": too_high(0.60)}, True),
+        (1, 0.030, {"claim": too_high(0.40, 0.80)}, False),
+        (2, 0.030, {"claim": too_high(0.40, 0.80)}, True),
+        (2, 0.030, {"claim": too_high(0.20, 0.40)}, False),
         # the settings limit the number of attempts, also of those without contact
         (0, 0.030, {}, False),
         (1, 0.025, {"pressed": (0.030,)}, False),

@@ -209,6 +209,18 @@ def test_the_camera_does_not_see_all_relief_and_the_more_there_is_the_less_is_kn
     assert same.height_m == pytest.approx(crests.height_m) and crests.probable_flat < same.probable_flat < 1.0
 
 
+def test_pressing_is_predicted_to_lower_what_stands_above_the_flat_layers() -> None:
+    """A quarter of it goes with each pressing. A flat stack does not become lower."""
+    high = claimed(height=0.024, crease=0.010)
+    assert high.probable_flat < 0.2 and sorted(high.probable_pressed) == list(high.probable_pressed)
+    first, second = high.probable_pressed[:2]
+    flat_stack = 0.0035 + 0.5 * STATED
+    lower = [claimed(height=flat_stack + share * (0.024 - flat_stack), crease=0.010) for share in (0.75, 0.75**2)]
+    assert [first, second] == pytest.approx([claim.probable_flat for claim in lower], abs=0.01)
+    flat = claimed(height=flat_stack, crease=0.0)
+    assert flat.probable_pressed[0] == pytest.approx(flat.probable_flat, abs=1e-6)
+
+
 @given(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1), st.floats(-1.0, 1.0), st.floats(-0.1, 0.1))
 def test_displacements_before_and_after_the_last_plan_add_up(dx: float, dy: float, turn: float, a: float) -> None:
     """A target at `start` moves with the plan by a rotation about the origin and a shift, then by its drift."""
