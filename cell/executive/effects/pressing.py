@@ -108,9 +108,9 @@ def press(cell: Workcell, context: RunContext, attempt: Attempt, plan: PressPlan
 
 
 def _should_press(cell: Workcell, index: int, plan: Plan, attempt: Attempt, inspection: Inspection) -> bool:
-    """Whether to press. A last fold of the right shape is pressed if this makes the claim so much surer that it is
-    worth its time. Another fold is pressed if its height hides whether it is good. An unpressed crease that is as
-    high as its fabric makes it is not pressed."""
+    """Whether to press. A last fold without a defect of its shape is pressed if this makes the claim so much surer
+    that it is worth its time. Another fold is pressed if its height hides whether it is good. An unpressed crease
+    that is as high as its fabric makes it is not pressed."""
     settings, before, claim = cell.settings.pressing, attempt.pressed, attempt.claim
     in_vain = bool(before) and before[-1].height_m - inspection.height_m < GAIN
     if attempt.unpressed or attempt.press_tries >= settings.max_attempts or in_vain:
@@ -118,10 +118,10 @@ def _should_press(cell: Workcell, index: int, plan: Plan, attempt: Attempt, insp
     if not np.isfinite(inspection.height_m):
         return False
     step = plan.steps[index]
-    if claim is not None and claim.shape:
+    if claim is not None and (claim.shape or claim.probable_pressed):
         left = claim.probable_pressed[: settings.max_attempts - attempt.press_tries]
         return any(
-            after >= LEAST and (after - claim.probable_flat) * WRONG_S > PRESS_S * presses
+            after >= LEAST and (after - claim.probable) * WRONG_S > PRESS_S * presses
             for presses, after in enumerate(left, 1)
         )
     flat_height = float(_flat(step, plan).vertices[:, 2].max()) + 0.5 * plan.garment.material.thickness

@@ -37,12 +37,17 @@ class Claim:
     probable_flat: float = 1.0
     """Probability that the garment is flat."""
     probable_pressed: tuple[float, ...] = ()
-    """Predicted probability that it is flat after one more pressing of its crease, after two, and so on. With
-    `probable_flat` it decides whether the fold is pressed."""
+    """Predicted probability that both parts hold after one more pressing of the crease, after two, and so on. With
+    `probable` it decides whether the fold is pressed. Empty if pressing cannot mend the shape."""
 
     @property
     def holds(self) -> bool:
         return self.shape and self.flat
+
+    @property
+    def probable(self) -> float:
+        """Probability that the garment is folded well."""
+        return self.reliability if self.holds else 1.0 - self.reliability
 
     @property
     def too_high(self) -> bool:

@@ -174,6 +174,12 @@ def claim_fold(
         *(f"{name} was not found good" for name in folds.doubtful),
     )
     probable_shape = _probable_shape(seen, target, moved, errors, folds)
+    pressed: tuple[float, ...] = ()
+    if not wrong and visible:
+        pressed = tuple(
+            judge(s).probability * _probable_shape(seen, target, moved, errors, folds, s)
+            for s in STAYING ** np.arange(1, MOST_PRESSINGS + 1)
+        )
     if not wrong and probable_shape < SURE:
         wrong = (
             f"its shape or place is so near to a limit that it is good with a probability of {probable_shape:.2f}",
@@ -198,9 +204,7 @@ def claim_fold(
         drift_rad=moved.drift_rad,
         says="",
         probable_flat=probable_flat,
-        probable_pressed=tuple(
-            judge(STAYING**n).probability if visible else 0.0 for n in range(1, MOST_PRESSINGS + 1)
-        ),
+        probable_pressed=pressed,
     )
     return replace(claim, says=_sentence(claim, wrong, seen, settings))
 
@@ -224,26 +228,33 @@ def _wrong_shape(
 
 
 def _probable_shape(
-    seen: Inspection, target: TargetView, moved: Displacement, errors: ClaimSettings, folds: SeenFolds
+    seen: Inspection,
+    target: TargetView,
+    moved: Displacement,
+    errors: ClaimSettings,
+    folds: SeenFolds,
+    staying: float = 1.0,
 ) -> float:
-    """Probability that the true figures of the shape are within their limits."""
+    """Probability that the true figures of the shape are within their limits, if this share of the crease's height
+    stays."""
     within = (
         HIDDEN_GOOD ** len(folds.hidden),
         max(map(_apart, (*folds.earlier, seen)), key=lambda apart: apart.mean).at_most(Normal(MOST_APART, 0.0)),
-        Normal(errors.iou, 0.0).at_most(_overlap(seen, target)),
+        Normal(errors.iou, 0.0).at_most(_overlap(seen, target, staying)),
         Normal(moved.drift_m, DRIFT_SIGMA).at_most(Normal(errors.drift, 0.0)),
         Normal(moved.drift_rad, DRIFT_ANGLE_SIGMA).at_most(Normal(errors.drift_angle, 0.0)),
     )
     return math.prod(within)
 
 
-def _overlap(seen: Inspection, target: TargetView) -> Normal:
+def _overlap(seen: Inspection, target: TargetView, staying: float) -> Normal:
     """Return the overlap with the target that the score would measure. Where no crease is seen, the predicted one
     counts."""
-    crease = target.observed.crease_height_m
+    crease, flat = target.observed.crease_height_m, target.flat.crease_height_m
     if not math.isfinite(crease):
         crease = target.predicted.crease_height_m
-    drawn_in = BY_CREASE * crease if math.isfinite(crease) else 0.0
+    stays = flat + staying * (crease - flat) if crease > flat else crease
+    drawn_in = BY_CREASE * stays if math.isfinite(stays) else 0.0
     return Normal(OVERLAP + BY_PREDICTED * seen.iou_aligned - drawn_in, OVERLAP_SIGMA)
 
 

@@ -107,8 +107,8 @@ def seen(
 
 
 def too_high(*after: float, **changes: Any) -> Claim:
-    """A claim about a fold that is too high. after: probabilities that it is flat after one more pressing, two."""
-    known: dict[str, Any] = {"flat": False, "probable_flat": 0.1, "probable_pressed": after or (0.9, 0.95, 0.99)}
+    """A claim about a fold that is too high. after: probabilities that it is good after one more pressing, two."""
+    known: dict[str, Any] = {"flat": False, "reliability": 0.9, "probable_pressed": after or (0.9, 0.95, 0.99)}
     return a_claim(**{**known, **changes})
 
 
@@ -139,12 +139,14 @@ HEAP = {"diagnosis": FailureKind.PILING, "claim": None}
         (1, 0.030, {"claim": a_claim(flat=True)}, False),
         (1, 0.030, {"claim": None}, False),
         # so near to its limit that the claim is not sure: pressing is worth its time if it makes it much surer
-        (1, 0.030, {"claim": a_claim(probable_flat=0.80, probable_pressed=(0.94,))}, True),
-        (1, 0.030, {"claim": a_claim(probable_flat=0.88, probable_pressed=(0.98,))}, False),
-        (1, 0.030, {"claim": a_claim(probable_flat=0.80, probable_pressed=(0.90,))}, False),
-        (2, 0.030, {"claim": a_claim(probable_flat=0.80, probable_pressed=(0.90, 0.94))}, False),
-        # pressing mends no shape, and a fold that stays too high is not worth it
-        (1, 0.030, {"claim": too_high(shape=False)}, False),
+        (1, 0.030, {"claim": a_claim(reliability=0.80, probable_pressed=(0.94,))}, True),
+        (1, 0.030, {"claim": a_claim(reliability=0.88, probable_pressed=(0.98,))}, False),
+        (1, 0.030, {"claim": a_claim(reliability=0.80, probable_pressed=(0.90,))}, False),
+        (2, 0.030, {"claim": a_claim(reliability=0.80, probable_pressed=(0.90, 0.94))}, False),
+        # a high crease makes the overlap doubtful; pressing mends no other shape; a fold that stays too high is
+        # not worth it
+        (1, 0.030, {"claim": too_high(shape=False)}, True),
+        (1, 0.030, {"claim": too_high(shape=False, probable_pressed=())}, False),
         (1, 0.030, {"claim": too_high(0.60)}, True),
         (1, 0.030, {"claim": too_high(0.40, 0.80)}, False),
         (2, 0.030, {"claim": too_high(0.40, 0.80)}, True),
