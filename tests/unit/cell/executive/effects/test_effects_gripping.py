@@ -99,7 +99,7 @@ class Motion:
     """A motion without postures."""
 
     postures: Any = field(default_factory=dict)
-    arc: Any = None
+    fold: Any = None
 
 
 def way(distance: float, seconds: float = 2.0) -> ArmTrajectory:
