@@ -17,7 +17,7 @@ from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NoReturn, TypeVar, get_args
+from typing import Any, NoReturn, TypeVar, get_args, get_origin
 
 import yaml
 from pydantic import BaseModel, ValidationError
@@ -436,8 +436,8 @@ def _field(model: type[BaseModel], loc: Key) -> tuple[type[BaseModel] | None, Fi
         if isinstance(part, int):
             continue
         found = _find(owner, part) if owner else None
-        if found is None:
-            return owner, None
+        if found is None:  # a name that the file chooses has the meaning of its table
+            return owner, field if field and get_origin(field.annotation) is dict else None
         field = found
         owner = _inner_model(found.annotation) or owner
     return owner, field

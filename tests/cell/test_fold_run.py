@@ -48,7 +48,7 @@ def test_the_observed_height_grows_with_each_fold_and_agrees_with_the_score(seen
     steps = seen.result.steps
     assert all(step.done for step in steps)
     assert 0.004 < steps[0].observed_height_m < steps[1].observed_height_m
-    assert steps[-1].observed_height_m == pytest.approx(seen.result.score.figures["height_m"].value, abs=0.007)
+    assert steps[-1].observed_height_m == pytest.approx(seen.result.score.height_m, abs=0.007)
 
 
 def test_the_json_result_has_all_documented_keys(seen: Any) -> None:

@@ -33,6 +33,8 @@ STATE_RATE = 100
 """Rate of the joint states [Hz]."""
 ENABLE_S = 2.0
 TICK_S = 0.05
+STEADY = 3
+"""Number of ticks in a row at which the motors have to be on: a report of before may arrive late."""
 SILENT_S = 1.0
 """Largest age of the robot's state [s]. If it is older, the state of the motors is unknown."""
 
@@ -77,13 +79,14 @@ class RosArms:
         self._refuse_stopped("the arms stay disabled")
         self._sent = None
         begun = self._clock.now()
-        until = begun + ENABLE_S
+        until, reports = begun + ENABLE_S, 0
         while self._clock.now() < until:
             self._enable.publish(self._messages.bool(True))
             self._clock.sleep_until(self._clock.now() + TICK_S)
             self._refuse_stopped("the arms stay disabled")
             robot = self._stop.robot.newest
-            if robot is not None and robot.stamp > begun and robot.enabled:
+            reports = reports + 1 if robot is not None and robot.stamp > begun and robot.enabled else 0
+            if reports == STEADY:
                 return
         raise DriverError(
             FailureKind.HARDWARE_FAULT, "the robot does not switch its motors on",

@@ -149,11 +149,11 @@ def test_an_unknown_garment_is_refused(refused: Callable[..., str], command: str
 @pytest.mark.parametrize(
     ("change", "parts"),
     [
-        ({"colour": "red"}, ["colour", "not known"]),
+        ({"colour": "red"}, ["unknown key", "colour", "known here"]),
         ({"titel": "A towel"}, ["titel", "'title'"]),
         ({"layers": 0}, ["layers", "0"]),
-        ({"max_tool_speed": 350}, ["max_tool_speed", "350", "metres"]),
-        ({"keypoints": {"near_right": [-150, -210], "far_right": [150, -210]}}, ["keypoints", "150", "metres"]),
+        ({"max_tool_speed": 350}, ["max_tool_speed", "350", "[m/s]"]),
+        ({"keypoints": {"near_right": [-150, -210], "far_right": [150, -210]}}, ["keypoints", "150", "[m]"]),
     ],
 )
 def test_an_invalid_garment_file_is_refused(

@@ -64,7 +64,7 @@ def reachable(root: object) -> Iterator[object]:
 def test_no_attribute_of_the_ports_leads_to_the_world(opened: Any, taken_down: bool, tmp_path: Path) -> None:
     """This holds for plain ports and for those of a recorded run."""
     bench, port_recorder = opened(), PortRecorder(tmp_path if taken_down else None)
-    heard = port_recorder.between(bench.ports, CommandQueue()).ports
+    heard, _ = port_recorder.between(bench.ports, CommandQueue())
     heard.attendant.lay_garment()
     garment = bench.truth().garment
     assert garment is not None
