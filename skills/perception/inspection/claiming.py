@@ -54,10 +54,11 @@ kills, 3 of 61 claims were false."""
 
 MOST_APART = 0.030
 """Largest distance of an edge from its pair, and of a key point from its place, in a good fold [m]."""
-USUALLY_APART, BY_OUTLINE, BY_CORNER, APART_SIGMA = 0.0085, 1.15, 0.5, 0.006
+USUALLY_APART, BY_OUTLINE, BY_CORNER, APART_SIGMA = 0.008, 0.75, 0.35, 0.006
 """The true distance of the farthest edge or key point: `USUALLY_APART` [m], plus these shares of the deviation of
-the outline and of the lag of the moved edge's corner in the worst fold, with this standard deviation [m]. Least
-squares over 87 runs that were claimed, eleven garments: four were false, and 3.9 are expected."""
+the outline and of the lag of the moved edge's corner in the worst fold, with this standard deviation [m]. From 131
+runs, 65 of them campaigns on fresh seeds, in which the outline says less (a share of 0.4) than in runs with faults
+(1.15); of the 121 good ones none is doubted too much to be claimed."""
 
 SHAPE_KEPT = frozenset({None, FailureKind.DRIFT, FailureKind.PILING})
 """Diagnoses that do not concern the shape. The claim has its own limit for the drift, and piled cloth concerns

@@ -155,16 +155,16 @@ def test_a_last_fold_within_its_limits_is_claimed(monkeypatch: pytest.MonkeyPatc
 
 @pytest.mark.parametrize(
     ("deviation", "says"),
-    [(0.015, "folded as planned"), (0.024, "good with a probability of 0.1"), (0.029, "half was not found good")],
+    [(0.024, "folded as planned"), (0.029, "half was not found good")],
 )
-def test_an_earlier_fold_refutes_the_claim_beyond_the_claims_own_limit_and_is_doubted_before(
+def test_an_earlier_fold_refutes_the_claim_only_beyond_the_claims_own_limit(
     deviation: float, says: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The inspection refused this fold, while it could still be repaired."""
     look(monkeypatch, seen(target=as_seen(0.011)))
     earlier = seen(K.OFF_TARGET, edge_deviation_m=deviation)
     claim = inspect_fold(fake_workcell(FakeCell()), last_fold(earlier)).context.claim()
-    assert claim is not None and says in claim.says and claim.holds is (deviation < 0.02)
+    assert claim is not None and says in claim.says and claim.holds is (deviation < 0.025)
 
 
 @pytest.mark.parametrize(
@@ -347,7 +347,7 @@ def test_a_claim_knows_which_folds_are_hidden(monkeypatch: pytest.MonkeyPatch) -
 def test_a_claim_knows_how_far_off_the_earlier_folds_were(monkeypatch: pytest.MonkeyPatch) -> None:
     look(monkeypatch, seen(target=as_seen(0.011)))
     near, off = last_fold(), last_fold()
-    off.done[0].inspected = seen(edge_deviation_m=0.012)
+    off.done[0].inspected = seen(edge_deviation_m=0.020)
     claims = [inspect_fold(fake_workcell(FakeCell()), context).context.claim() for context in (near, off)]
     assert all(claim is not None and claim.holds for claim in claims)
     assert claims[1].reliability < 0.95 * claims[0].reliability  # type: ignore[union-attr]
