@@ -30,8 +30,6 @@ FITTED = 2.0
 STRAIN_COST, FREEDOM_COST = 0.1, 0.03
 """The likeness is the overlap, less the strain of a member times the first, and less the second, because a member
 follows any outline better than a stiff template does."""
-
-
 INWARD, LEAST_DEPTH = 0.35, 0.10
 """A garment with an inward corner, of at least the first [rad], has an outline that lies at some place deeper
 within its convex hull than the second, relative to the root of its area; others have not. Without this, a vest

@@ -41,7 +41,7 @@ PRESS_S = 10.0
 WRONG_S = 80.0
 """Time that a wrong claim costs [s]: a person notices it, and the garment is folded anew (assumed)."""
 LEAST = 0.5
-"""A fold that is not flat with at least this probability even after pressing is not pressed."""
+"""A fold that is not good with at least this probability even after pressing is not pressed."""
 
 
 def plan_pressing(

@@ -53,7 +53,7 @@ def foreign_stretch(rgb: Image, valid: Mask, segmentation: Segmentation) -> tupl
     seen = np.count_nonzero(outside, axis=1) >= 2
     median = np.zeros(len(line))
     median[seen] = np.nanmedian(np.where(outside, away, np.nan)[seen], axis=1)
-    closing = np.ones((1, 2 * (_GAP // 2) + 1), np.uint8)
+    closing = np.ones((1, _GAP + 1), np.uint8)
     twice = np.tile((median > _FOREIGN).astype(np.uint8), 2)[None]
     stretches = np.flatnonzero(cv2.morphologyEx(twice, cv2.MORPH_CLOSE, closing)[0] == 0)
     if not len(stretches):
