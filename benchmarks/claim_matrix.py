@@ -12,9 +12,6 @@ from __future__ import annotations
 
 import argparse
 import multiprocessing
-import platform
-import subprocess
-import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -24,7 +21,7 @@ from pathlib import Path
 
 from benchmarks.claims.record import recorded
 from benchmarks.claims.verdicts import Verdict, caught_by, verdicts
-from benchmarks.results_page import table
+from benchmarks.results_page import made_by, table
 from benchmarks.score_matrix import KINDS, OTHER_KINDS
 from foldcell.cell.campaigns.statistics.proportions import wilson_interval
 from foldcell.cell.config.garments.garment_file import list_garments
@@ -65,8 +62,6 @@ def page(found: Sequence[Verdict], unseen: Sequence[str], command: str) -> str:
     ideal = [v for v in found if v.kind == "ideal" and v.good]
     spoiled = [v for v in found if v.kind in KINDS and not v.good]
     missed = [v for v in ideal if not v.claimed]
-    described = ["git", "describe", "--always", "--exclude=*", "--dirty=+"]
-    commit = subprocess.run(described, capture_output=True, text=True, check=False)
     seeds = sorted({v.seed for v in found})
     kinds = [(kind, [v for v in found if v.kind == kind and not v.good]) for kind in (*KINDS, *OTHER_KINDS)]
     kind_rows = [[kind, *_share(vs), _caught(vs)] for kind, vs in kinds]
@@ -88,8 +83,8 @@ def page(found: Sequence[Verdict], unseen: Sequence[str], command: str) -> str:
         "",
         *(f"- {kind.replace('_', ' ')}: {about}" for kind, about in (KINDS | OTHER_KINDS).items()),
         "",
-        f"{time.strftime('%Y-%m-%d')}, commit {commit.stdout.strip() or 'unknown'}, {platform.machine()}, seeds",
-        f"{', '.join(map(str, seeds))}: `{command}`.",
+        made_by(command),
+        f"Seeds: {', '.join(map(str, seeds))}.",
         *_looked_at(seeds),
         "",
         f"- False claims: {', '.join(_share(spoiled))}.",

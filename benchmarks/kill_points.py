@@ -33,6 +33,7 @@ from benchmarks.kills.durable_writes import DurableWrite, read_writes
 from benchmarks.kills.outcome import Outcome, Resumed, resume_event
 from benchmarks.results_page import table
 from foldcell.cell.campaigns.statistics.proportions import wilson_interval
+from foldcell.cell.campaigns.trials.store import commit
 from foldcell.cell.journal.journal import Journal
 from foldcell.cell.support.files.paths import journal_path
 from foldcell.robots.errors import InternalError
@@ -195,11 +196,6 @@ def _share(count: int, total: int) -> str:
     return f"{count} of {total} ({100.0 * low:.1f} to {100.0 * high:.1f} %)"
 
 
-def _commit() -> str:
-    described = ["git", "describe", "--always", "--exclude=*", "--dirty=+"]
-    return subprocess.run(described, capture_output=True, text=True, check=False).stdout.strip() or "unknown"
-
-
 def _read_outcomes(path: Path) -> list[Outcome]:
     if not path.exists():
         return []
@@ -226,9 +222,8 @@ def main() -> int:
         outcomes = {n: o for n, o in outcomes.items() if o.passed is not False and not o.lost}
     wanted = options.at or boundaries(len(whole), options.every)
     left = [number for number in wanted if number not in outcomes]
-    commit = _commit()
     for done, found in enumerate(all_outcomes(killer, left, whole, options.workers), 1):
-        outcomes[found.number] = replace(found, commit=commit)
+        outcomes[found.number] = replace(found, commit=commit() or "unknown")
         file.write_text(
             "".join(json.dumps(asdict(o)) + "\n" for _, o in sorted(outcomes.items())), encoding="utf-8"
         )

@@ -5,8 +5,8 @@
 Chromium (without a window) opens the real page of real supervised runs while processes spin on all processors:
 
 - a supervised run, each question approved as soon as that is possible: the age of the picture on the screen,
-  sampled ten times a second; a screenshot at the moment Approve can be pressed, compared with the plan's data; all
-  requests of the page; the addresses at which the run listens; the time until film and report are written,
+  sampled ten times a second; all requests of the page; the addresses at which the run listens; the time until film
+  and report are written,
 - the same run without a page, for the wall time,
 - a supervised run in which Pause and Resume are pressed: the time from each press until the page shows it; a
   second browser that takes control; the requests of the 3-D view.
@@ -19,13 +19,11 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import platform
 import shutil
-import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -33,14 +31,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.operator.chromium import Chromium, Tab
-from benchmarks.operator.plan_on_screen import drawn_shares, picture_of
 from benchmarks.operator.supervised_run import Run, spinning, unsupervised
-from benchmarks.results_page import Row, table, table_of_rows
-from foldcell.cell.config.cell_settings import load_settings
-from foldcell.cell.hardware.camera import camera_calibration
-from foldcell.cell.journal.checkpoint_file import CHECKPOINT
-from foldcell.cell.journal.frame_store import FRAMES, FrameStore
-from foldcell.cell.journal.run_checkpoint import read_checkpoint
+from benchmarks.results_page import Row, made_by, table, table_of_rows
 
 __all__ = ["main"]
 
@@ -71,12 +63,7 @@ APPROVABLE = """new Promise((done) => {
     const over = runStatus?.end != null || !alive();
     if (!over && document.getElementById("approve").disabled) return;
     clearInterval(timer);
-    const image = at("shown"), box = image.getBoundingClientRect();
-    const scale = Math.min(box.width / image.naturalWidth, box.height / image.naturalHeight);
-    const width = scale * image.naturalWidth, height = scale * image.naturalHeight;
-    const band = at("old").hidden ? null : at("old").getBoundingClientRect();
-    const place = [box.x + (box.width - width) / 2, box.y + (box.height - height) / 2, width, height];
-    done(over ? null : [place, band && [band.top - place[1], band.bottom - place[1]]]);
+    done(!over);
   }, 10);
 })"""
 MIDDLE = """(() => {
@@ -104,8 +91,6 @@ ROWS = (
     Row("time from the press until the page shows it, 99th percentile", "press_p99_ms", 100.0, unit="ms"),
     Row("presses that the page did not show", "presses_unseen", 0),
     Row("questions", "questions", 1, True),
-    Row("least share of an arc, or of the outline, that the screenshot shows", "plan_share", 0.8, True),
-    Row("the same for the plan of another fold, at most", "other_plan_share", 0.5),
     Row("requests that left the machine", "requests_outside", 0),
     Row("requests of Rerun's viewer that the browser blocked", "requests_blocked"),
     Row("addresses at which the run listens", "listening", 1),
@@ -156,29 +141,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _supervised(options: argparse.Namespace, logs: Path) -> dict[str, Any]:
     """Perform a run whose questions are approved as soon as that is possible."""
-    calibration = camera_calibration(load_settings())
-    shares, others, contexts = [], [], []
+    questions = 0
     with Chromium() as browser, ExitStack() as closing:
         run = closing.enter_context(Run(options.garment, options.seed, logs))
         tab = browser.open(run.address)
         _ready(tab)
         tab.evaluate(WATCH)
         listening = run.listening()
-        while (found_at := tab.evaluate(APPROVABLE)) is not None:
-            place, band = found_at
-            shot = tab.screenshot()
+        while tab.evaluate(APPROVABLE):
             number = tab.evaluate("runStatus.question.number")
-            (logs / f"question-{number}.png").write_bytes(shot)
-            if tab.evaluate('runStatus.state === "awaiting_approval"'):
-                context = read_checkpoint(run.folder / CHECKPOINT, FrameStore(run.folder / FRAMES))
-                picture = picture_of(shot, place)
-                contexts.append(context)
-                found = drawn_shares(picture, context, calibration, band)
-                print(f"question {number}: " + ", ".join(f"{n} {s:.2f}" for n, s in found.items()), flush=True)
-                shares.append(_least(found))
-                for other in contexts[:-1]:
-                    wrong = drawn_shares(picture, other, calibration, band)
-                    others.append(_least(wrong))
+            questions += tab.evaluate('runStatus.state === "awaiting_approval"')
             if not tab.evaluate('at("approve").disabled'):
                 tab.press(*tab.evaluate(MIDDLE % "approve"))
             tab.evaluate(ANSWERED.replace("NUMBER", str(number)))
@@ -191,8 +163,7 @@ def _supervised(options: argparse.Namespace, logs: Path) -> dict[str, Any]:
     return {
         "age_share_within_1_s": float(np.mean(ages <= 1.0)), "age_median_s": float(np.median(ages)),
         "age_p99_s": float(np.percentile(ages, 99)), "age_samples": len(ages), "age_blank": watched["blank"],
-        "questions": len(shares), "plan_share": float(np.nanmin(shares)),
-        "other_plan_share": float(np.nanmax([0.0, *others])),
+        "questions": questions,
         "requests_outside": len(outside), "requests_blocked": len(blocked), "outside": outside,
         "listening": len(listening), "listens_at": listening, "result": result["result"],
         "wall_s": float(result["wall_time_s"]) - run.asked_s(), "asked_s": run.asked_s(),
@@ -249,11 +220,6 @@ def _pressed(options: argparse.Namespace, logs: Path) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _least(shares: Mapping[str, float]) -> float:
-    """Return the least share of an arc or of the garment's outline that the screenshot shows."""
-    return float(np.nanmin([share for name, share in shares.items() if name == "garment" or name.endswith("arc")]))
-
-
 def _ready(tab: Tab) -> None:
     """Wait until the page has received the run's status."""
     deadline = time.monotonic() + 120.0
@@ -264,7 +230,6 @@ def _ready(tab: Tab) -> None:
 
 
 def _page(figures: dict[str, Any], options: argparse.Namespace) -> str:
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True).stdout.strip()
     cores, load = os.cpu_count(), ", ".join(map(str, figures["load"]))
     walls = ", ".join(f"{a} s with and {b} s without the page" for a, b in figures["walls_s"])
     command = f"python -m benchmarks.operator_page {options.garment} --seed {options.seed} --pairs {options.pairs}"
@@ -275,7 +240,7 @@ the real page of real supervised runs on {cores} cores, while {options.spinning}
 before, between and after the runs was {load}; more than about 5 means that other work
 ran on the machine.
 
-{time.strftime("%Y-%m-%d")}, commit {commit}, {platform.machine()}: `{command}`.""",
+{made_by(command)}""",
         table_of_rows("Figures", ROWS, figures) or "",
         f"""Wall times: {walls}. The run listened at {", ".join(figures["listens_at"]) or "?"} only.
 {_hand_over(figures)}
@@ -292,11 +257,6 @@ METHODS = (
         " it last looked the same; the time of a simulated cell stands still while the computer computes",
     ),
     ("press", "from the input event of the browser to the frame in which the button shows that it was pressed"),
-    (
-        "plan",
-        "a screenshot at the moment Approve can be pressed; lines of the plan are projected from the checkpoint's"
-        " data, and the screenshot is searched for their colours",
-    ),
     ("requests", "all requests of the page and of the 3-D view, from the browser's network log"),
     ("listening", "`ss -ltnp` during the run, for its processes"),
     ("wall time", "`wall_time_s` of the results, less the time between question and answer in the journal"),

@@ -3,15 +3,17 @@ campaign that were not folded."""
 
 from __future__ import annotations
 
+import platform
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from foldcell.cell.campaigns.trials.store import BegunCampaign
+from foldcell.cell.campaigns.trials.store import BegunCampaign, commit
 from foldcell.cell.campaigns.trials.trial import Trial
 from foldcell.cell.record.words import plain as in_words
 
-__all__ = ["Row", "causes", "origin", "plain", "table", "table_of_rows"]
+__all__ = ["Row", "causes", "made_by", "origin", "plain", "table", "table_of_rows"]
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,11 @@ def origin(campaign: BegunCampaign) -> str:
     """Return the line that says when, from what and where a campaign was made."""
     machine = campaign.machine
     return f"- Begun {campaign.begun}, commit {campaign.commit}, {machine.cpu}, {machine.cores} cores."
+
+
+def made_by(command: str) -> str:
+    """Return the line that says when, from what and by which command the figures of a page were measured."""
+    return f"{time.strftime('%Y-%m-%d')}, commit {commit() or 'unknown'}, {platform.machine()}: `{command}`."
 
 
 def causes(trials: Sequence[Trial]) -> list[str]:

@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import argparse
 import multiprocessing
-import platform
-import subprocess
 import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -22,7 +20,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.results_page import table
+from benchmarks.results_page import made_by, table
 from foldcell.cell.config.garments.garment_file import list_garments, load_garment
 from foldcell.cell.simulation.garment.garment import WorldGarment
 from foldcell.cell.simulation.noise import load_noise
@@ -220,7 +218,6 @@ def page(found: list[list[str]], command: str) -> str:
     heads = ("garment", "seed", "bending length, mm", "ideal", "IoU", "height, mm", "crease, mm", "edges, mm",
              "key points, mm", "strain, %", *KINDS, *OTHER_KINDS, "CPU, s")  # fmt: skip
     wrong = sum("**" in cell for cells in found for cell in cells)
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False)
     lines = [
         "# Results: ideal and spoiled folds under the score",
         "",
@@ -234,8 +231,7 @@ def page(found: list[list[str]], command: str) -> str:
         "A sag in the middle is found only if the moved edge belongs to an edge pair of the garment file. For",
         "other edges, only key points are compared with their places, and the ends of the edge are in place.",
         "",
-        f"{time.strftime('%Y-%m-%d')}, commit {commit.stdout.strip() or 'unknown'}, {platform.machine()}:",
-        f"`{command}`.",
+        made_by(command),
         f"Wrong verdicts: {wrong} of {len(found) * (1 + len(KINDS))}.",
         "",
         table("Verdicts", heads, found),

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import platform
-import subprocess
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,7 +19,7 @@ import numpy as np
 
 from benchmarks.interrupted_folds import WorldFold, open_fold, shoved
 from benchmarks.perception.scenes import TABLE
-from benchmarks.results_page import table
+from benchmarks.results_page import made_by, table
 from benchmarks.shipped_settings import PERCEPTION
 from foldcell.skills.state_estimate.estimate import StateEstimate, estimate_state
 from foldcell.skills.state_estimate.hand_course import HandCourse
@@ -136,7 +134,6 @@ def page(found: Sequence[Row], command: str) -> str:
     """Write the results page from the rows."""
     judged = [row for row in found if "said" in row]
     right = [row["said"] == row["truth"] for row in judged]
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False)
     states = [state.value for state in FoldState]
     confusion = [
         [true, *(str(sum(r["truth"] == true and r["said"] == said for r in judged)) for said in states)]
@@ -163,8 +160,7 @@ def page(found: Sequence[Row], command: str) -> str:
         "garment was lifted by one point and dropped, else `half_way`. Near these bounds, a right shape can count",
         "as a wrong state.",
         "",
-        f"{time.strftime('%Y-%m-%d')}, commit {commit.stdout.strip() or 'unknown'}, {platform.machine()}:",
-        f"`{command}`.",
+        made_by(command),
         f"Right: {sum(right)} of {len(judged)}; pictures that could not be judged: {len(found) - len(judged)}.",
         f"Mean squared error of the probabilities (Brier score): {_brier(judged):.3f}.",
         f"CPU time per estimate: median {_median(judged, 'cpu_s'):.1f} s, largest "

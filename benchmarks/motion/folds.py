@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,6 @@ import toppra.constraint
 from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
-from benchmarks.motion.bound import time_bound
 from benchmarks.motion.peers import clearance
 from benchmarks.motion.workload import Task, tasks
 from foldcell.cell.config.cell_settings import CellSettings
@@ -34,32 +32,16 @@ FINE = 0.001
 DEVIATION_SAMPLE = 0.005
 CLEARANCE_STEP = 0.08
 """Joint motion between two poses at which the clearance is measured [rad]."""
+GRID = 200
+"""Number of intervals of a path in TOPP-RA."""
 PATH_SAMPLES = 120
-"""Number of samples of a path for which bounds of the duration are computed."""
+"""Number of samples of a path of which the fastest motion is computed."""
 MEASURED = 12
 """Number of poses of the garment for which the plan of each fold is measured in detail."""
 
 
-@dataclass
-class _Findings:
-    """Results collected over all folds. Each list has one number per fold, or per part of its motion."""
-
-    planned: int = 0
-    refused: int = 0
-    binding: Counter[str] = field(default_factory=Counter)
-    cpu_ms: list[float] = field(default_factory=list)
-    ratio: list[float] = field(default_factory=list)
-    ratio_toppra: list[float] = field(default_factory=list)
-    ratio_free: list[float] = field(default_factory=list)
-    ratio_cloth: list[float] = field(default_factory=list)
-    gap: list[float] = field(default_factory=list)
-    velocity: list[float] = field(default_factory=list)
-    acceleration: list[float] = field(default_factory=list)
-    jerk: list[float] = field(default_factory=list)
-    deviation: list[float] = field(default_factory=list)
-    clearance: list[float] = field(default_factory=list)
-    stop_s: list[float] = field(default_factory=list)
-    stop_share: list[float] = field(default_factory=list)
+Findings = defaultdict[str, list[float]]
+"""What was measured in all folds -> one number per fold, or per part of its motion."""
 
 
 def measure_folds(
@@ -70,17 +52,17 @@ def measure_folds(
     checker = CollisionChecker(model, settings.table)
     limits = model.limits(settings.motion.accelerations, settings.motion.velocity_scale)
     ruler = _Ruler(model, settings, limits)
-    found = _Findings()
-    seen: Counter[str] = Counter()
-    _planned(next(tasks(1, settings.surface)), model, checker, settings, limits, _Findings())  # compiles
+    found, refused, seen = Findings(list), Counter[str](), Counter[str]()
+    first = next(tasks(1, settings.surface))
+    _planned(first, model, checker, settings, limits, Findings(list), Counter())  # compiles
     for task in tasks(poses, settings.surface):
         seen[task.name] += 1
         if seen[task.name] == 1:
             tell(f"{task.name}: {poses} poses")
-        motion = _planned(task, model, checker, settings, limits, found)
+        motion = _planned(task, model, checker, settings, limits, found, refused)
         if motion is not None and seen[task.name] <= measured:
             ruler.measure(task, motion, found)
-    return _figures(found)
+    return _figures(found, seen.total(), refused)
 
 
 def _planned(
@@ -89,7 +71,8 @@ def _planned(
     checker: CollisionChecker,
     settings: CellSettings,
     limits: JointLimits,
-    found: _Findings,
+    found: Findings,
+    refused: Counter[str],
 ) -> FoldMotion | None:
     start = time.thread_time()
     outcome = plan_hands_motion(
@@ -97,21 +80,19 @@ def _planned(
         tool_speed=min(task.garment.max_tool_speed, settings.motion.tool_speed),
         approach_height=settings.motion.approach_height, rng=np.random.default_rng(1),
     )  # fmt: skip
-    found.cpu_ms.append(1e3 * (time.thread_time() - start))
+    found["cpu_ms"].append(1e3 * (time.thread_time() - start))
     if outcome.failure is None:
-        found.planned += 1
         return outcome.unwrap()
     failure = outcome.failure
     binding = failure.values.get("binding")
     why = f"{binding['constraint']} ({binding['what']})" if binding else failure.what
-    found.refused += 1
-    found.binding[f"{task.name}: {failure.kind}, {why}"] += 1
+    refused[f"{task.name}: {failure.kind}, {why}"] += 1
     return None
 
 
 class _Ruler:
     """Measures a plan: shares of the limits at 1 ms samples, tool positions by Pinocchio, clearance without
-    margins, and durations relative to lower bounds."""
+    margins, and durations relative to those of TOPP-RA."""
 
     def __init__(self, model: RobotModel, settings: CellSettings, limits: JointLimits) -> None:
         self.model, self.table, self.limits = model, settings.table, limits
@@ -122,42 +103,33 @@ class _Ruler:
         self.frames = {side: model.pin_model.getFrameId(model.tool_frame[side]) for side in Side}
         self.tool_speed = settings.motion.tool_speed
 
-    def measure(self, task: Task, motion: FoldMotion, found: _Findings) -> None:
+    def measure(self, task: Task, motion: FoldMotion, found: Findings) -> None:
         parts = {"approach": motion.approach, "fold": motion.fold, "retreat": motion.retreat, "park": motion.park}
         for name, part in parts.items():
             shares = peak_shares(part, self.limits)
-            found.velocity.append(shares[0])
-            found.acceleration.append(shares[1])
-            found.jerk.append(shares[2])
-            found.clearance.append(self._clearance(part.q, fingertips=name in ("fold", "retreat")))
+            found["velocity"].append(shares[0])
+            found["acceleration"].append(shares[1])
+            found["jerk"].append(shares[2])
+            found["clearance"].append(self._clearance(part.q, fingertips=name in ("fold", "retreat")))
             self._stop(part, found)
-        found.clearance.append(self._clearance(self._down(motion), fingertips=True))
+        found["clearance"].append(self._clearance(self._down(motion), fingertips=True))
         intended = {side: task.paths[p.path] for side, p in motion.postures.items()}
-        found.deviation.append(self._deviation(motion.fold, intended))
+        found["deviation"].append(self._deviation(motion.fold, intended))
         self._times(task, motion, found)
 
-    def _times(self, task: Task, motion: FoldMotion, found: _Findings) -> None:
-        """Compare three durations with their lower bounds: (1) the fold's path, timed with the arms' limits only;
-        (2) the fold, with the cloth's speed limit as well; (3) each free motion, with the arms' limits."""
-        path, lengths = self._evenly(motion)
-        bound = time_bound(path, self.limits)
-        found.gap.append(bound.gap)
-        found.ratio.append(timing.time_path(path, self.limits).duration / bound.lower)
-        found.ratio_toppra.append(_toppra_time(path, self.limits) / bound.lower)
+    def _times(self, task: Task, motion: FoldMotion, found: Findings) -> None:
+        """Compare three durations with that of the fastest motion without a jerk limit: (1) the fold's path,
+        timed with the arms' limits only; (2) the fold, with the cloth's speed limit as well; (3) each free
+        motion, with the arms' limits."""
+        path, at = evenly(motion.fold)
+        lengths = [_travelled(motion.tool_paths[side].position) for side in motion.postures]
+        tools = np.stack([np.interp(at, motion.fold.t, x) for x in lengths], axis=1)
+        found["ratio"].append(timing.time_path(path, self.limits).duration / fastest(path, self.limits))
         speed = min(task.garment.max_tool_speed, self.tool_speed)
-        capped = time_bound(path, self.limits, lengths=lengths, speed=speed)
-        found.ratio_cloth.append(motion.fold.duration / capped.lower)
+        found["ratio_cloth"].append(motion.fold.duration / fastest(path, self.limits, tools, speed))
         for free in (motion.approach, motion.park):
             if np.abs(free.q[-1] - free.q[0]).max() > 0.05:
-                found.ratio_free.append(free.duration / time_bound(free.q, self.limits).lower)
-
-    def _evenly(self, motion: FoldMotion) -> tuple[Array, Array]:
-        """Sample the fold at even steps along its joint path, so that its timing has no effect. Return the joints
-        (n, 14) and the distances (n, k) that the tools have travelled [m]."""
-        s = _travelled(motion.fold.q)
-        at = np.interp(np.linspace(0.0, s[-1], PATH_SAMPLES), s, motion.fold.t)
-        lengths = [_travelled(motion.tool_paths[side].position) for side in motion.postures]
-        return hermite(motion.fold, at)[0], np.stack([np.interp(at, motion.fold.t, x) for x in lengths], axis=1)
+                found["ratio_free"].append(free.duration / fastest(evenly(free)[0], self.limits))
 
     def _deviation(self, fold: ArmTrajectory, intended: dict[Side, ToolPath]) -> float:
         """Largest distance [m] of a tool's position, computed by Pinocchio, from its intended curve, which is a
@@ -191,12 +163,20 @@ class _Ruler:
         q = q[np.unique(np.minimum(marks, len(q) - 1))]
         return min(clearance(self.plain, x, allow_fingertips=fingertips) for x in q)
 
-    def _stop(self, part: ArmTrajectory, found: _Findings) -> None:
+    def _stop(self, part: ArmTrajectory, found: Findings) -> None:
         for share in (0.1, 0.3, 0.5, 0.7, 0.9):
             warp = timing.ClockWarp(share * part.duration, timing.STOP_TIME, 0.0)
             stop = timing.warped(part, timing.warp_clock(part, warp, self.model.protective))
-            found.stop_s.append(stop.duration)
-            found.stop_share.append(max(peak_shares(stop, self.model.protective)))
+            found["stop_s"].append(stop.duration)
+            found["stop_share"].append(max(peak_shares(stop, self.model.protective)))
+
+
+def evenly(motion: ArmTrajectory) -> tuple[Array, Array]:
+    """Sample a motion at even steps along its joint path, so that its timing has no effect. Return the joints
+    (n, 14) and the times (n,) [s]."""
+    s = _travelled(motion.q)
+    at = np.interp(np.linspace(0.0, s[-1], PATH_SAMPLES), s, motion.t)
+    return hermite(motion, at)[0], at
 
 
 def hermite(trajectory: ArmTrajectory, t: Array) -> tuple[Array, Array, Array, Array]:
@@ -221,23 +201,25 @@ def peak_shares(trajectory: ArmTrajectory, limits: JointLimits) -> tuple[float, 
     )
 
 
-def _toppra_time(path: Array, limits: JointLimits) -> float:
-    """Minimum duration [s] by TOPP-RA along the spline through path (n, 14), without jerk limit; NaN if it
-    fails."""
+def fastest(path: Array, limits: JointLimits, tools: Array | None = None, speed: float = 1.0) -> float:
+    """Shortest duration [s] by TOPP-RA along the spline through path (n, 14), without jerk limit; NaN if it fails.
+    tools: (n, k) distances that k tools have travelled [m], none of them faster than `speed` [m/s]."""
+    extra = np.zeros((len(path), 0)) if tools is None else tools
+    v = np.append(limits.velocity, np.full(extra.shape[1], speed))
+    a = np.append(limits.acceleration, np.full(extra.shape[1], 1e3))
     step = np.maximum(np.abs(np.diff(path, axis=0) / limits.velocity).max(axis=1), 1e-9)
     s = np.concatenate([[0.0], np.cumsum(step)])
-    v, a = limits.velocity, limits.acceleration
     constraints = [
         toppra.constraint.JointVelocityConstraint(np.stack([-v, v], axis=1)),
         toppra.constraint.JointAccelerationConstraint(np.stack([-a, a], axis=1)),
     ]
-    curve = toppra.SplineInterpolator(s, path)
-    solver = toppra.algorithm.TOPPRA(constraints, curve, gridpoints=np.linspace(0.0, s[-1], 201))
+    curve = toppra.SplineInterpolator(s, np.hstack([path, extra]))
+    solver = toppra.algorithm.TOPPRA(constraints, curve, gridpoints=np.linspace(0.0, s[-1], GRID + 1))
     data = solver.compute_parameterization(0.0, 0.0, return_data=True)
     rate = data[1] if data is not None else None
     if rate is None or not np.all(np.isfinite(rate)):
         return float("nan")
-    return float((2.0 * (s[-1] / 200) / np.maximum(rate[1:] + rate[:-1], 1e-9)).sum())
+    return float((2.0 * (s[-1] / GRID) / np.maximum(rate[1:] + rate[:-1], 1e-9)).sum())
 
 
 def _travelled(position: Array) -> Array:
@@ -255,32 +237,28 @@ def _nearest(curve: Array, points: Array) -> float:
     return float(np.min(gaps, axis=0).max())
 
 
-def _figures(found: _Findings) -> dict[str, Any]:
-    total = found.planned + found.refused
-
-    def at(values: list[float], share: float) -> float:
-        return float(np.nanpercentile(values, share)) if values else float("nan")
+def _figures(found: Findings, folds: int, refused: Counter[str]) -> dict[str, Any]:
+    def at(name: str, share: float) -> float:
+        return float(np.nanpercentile(found[name], share)) if found[name] else float("nan")
 
     return {
-        "folds": total,
-        "planned_rate": found.planned / total,
-        "binding_constraints": dict(found.binding),
-        "planning_ms_median": at(found.cpu_ms, 50),
-        "planning_ms_p90": at(found.cpu_ms, 90),
-        "planning_ms_max": at(found.cpu_ms, 100),
-        "time_ratio_median": at(found.ratio, 50),
-        "time_ratio_p90": at(found.ratio, 90),
-        "time_ratio_toppra_jerk_free_median": at(found.ratio_toppra, 50),
-        "time_ratio_as_cloth_bears_median": at(found.ratio_cloth, 50),
-        "time_ratio_free_moves_median": at(found.ratio_free, 50),
-        "time_bound_gap_max": at(found.gap, 100),
-        "velocity_utilisation_max": at(found.velocity, 100),
-        "acceleration_utilisation_max": at(found.acceleration, 100),
-        "jerk_utilisation_max": at(found.jerk, 100),
-        "utilisation_max": max(at(x, 100) for x in (found.velocity, found.acceleration, found.jerk)),
-        "path_deviation_mm_max": 1e3 * at(found.deviation, 100),
-        "path_deviation_mm_median": 1e3 * at(found.deviation, 50),
-        "clearance_m_min": at(found.clearance, 0),
-        "stop_s_max": at(found.stop_s, 100),
-        "stop_utilisation_max": at(found.stop_share, 100),
+        "folds": folds,
+        "planned_rate": 1.0 - refused.total() / folds,
+        "binding_constraints": dict(refused),
+        "planning_ms_median": at("cpu_ms", 50),
+        "planning_ms_p90": at("cpu_ms", 90),
+        "planning_ms_max": at("cpu_ms", 100),
+        "time_ratio_median": at("ratio", 50),
+        "time_ratio_p90": at("ratio", 90),
+        "time_ratio_as_cloth_bears_median": at("ratio_cloth", 50),
+        "time_ratio_free_moves_median": at("ratio_free", 50),
+        "velocity_utilisation_max": at("velocity", 100),
+        "acceleration_utilisation_max": at("acceleration", 100),
+        "jerk_utilisation_max": at("jerk", 100),
+        "utilisation_max": max(at(name, 100) for name in ("velocity", "acceleration", "jerk")),
+        "path_deviation_mm_max": 1e3 * at("deviation", 100),
+        "path_deviation_mm_median": 1e3 * at("deviation", 50),
+        "clearance_m_min": at("clearance", 0),
+        "stop_s_max": at("stop_s", 100),
+        "stop_utilisation_max": at("stop_share", 100),
     }

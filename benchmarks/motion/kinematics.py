@@ -6,9 +6,8 @@ is within its limits. The poses are those of random joint vectors, so each can b
 
 from __future__ import annotations
 
-import importlib.util
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -39,10 +38,10 @@ Solver = Callable[[Side, Array], Array | None]
 
 
 def measure_kinematics(
-    tell: Callable[[str], None], model: RobotModel, poses: int, peer_poses: int, peers: bool
+    tell: Callable[[str], None], model: RobotModel, poses: int, peer_poses: int
 ) -> dict[str, Any]:
     """Measure success rates and times of all solvers. poses: number of poses for our solver. peer_poses: how many
-    of the same poses the peers, which are slower, have to solve. peers: also measure Pink, if it is installed."""
+    of the same poses the peers, which are slower, have to solve."""
     rng = np.random.default_rng(11)
     judge = _Judge(model)
     wanted = [_pose(judge, model, rng, tuple(Side)[k % 2]) for k in range(poses)]
@@ -53,10 +52,6 @@ def measure_kinematics(
         "scipy_ik": (_scipy(model, starts), peer_poses),
     }
     figures: dict[str, Any] = {"ik_poses": poses, "ik_peer_poses": peer_poses, "ik_peer_starts": PEER_STARTS}
-    if peers and importlib.util.find_spec("pink") and importlib.util.find_spec("qpsolvers"):
-        solvers["pink_ik"] = (_Pink(model, starts), peer_poses)
-    elif peers:
-        figures["pink_ik"] = "not installed"
     for name, (solve, count) in solvers.items():
         tell(f"{name}: {count} poses")
         figures |= _race(name, solve, wanted[:count], judge)
@@ -191,38 +186,3 @@ class _PyBullet:
             np.linalg.norm(here[:3, 3] - T[:3, 3]) <= POSITION
             and np.trace(here[:3, :3].T @ T[:3, :3]) >= 1.0 + 2.0 * np.cos(ANGLE)
         )
-
-
-class _Pink:
-    """Pink's differential inverse kinematics. It tries one start after the other until one succeeds."""
-
-    def __init__(self, model: RobotModel, starts: dict[Side, Array]) -> None:
-        import pink
-        import qpsolvers
-
-        self.pink, self.model, self.starts = pink, model, starts
-        self.solver = "daqp" if "daqp" in qpsolvers.available_solvers else qpsolvers.available_solvers[0]
-        self.tasks = {side: pink.FrameTask(model.tool_frame[side], 1.0, 1.0) for side in Side}
-
-    def __call__(self, side: Side, T: Array) -> Array | None:
-        pink, cut, task = self.pink, arm_slice(side, 14), self.tasks[side]
-        task.set_target(pin.SE3(T))
-        pm = self.model.pin_model
-        for q0 in self.starts[side][:PEER_STARTS]:
-            both = np.array(self.model.q_park)
-            both[cut] = q0
-            configuration = pink.Configuration(pm, pm.createData(), self.model.configuration(both))
-            for q in self._iterates(configuration, task):
-                arm = q[self.model.joint_index.astype(np.intp)][cut]
-                if np.linalg.norm(task.compute_error(configuration)) < 1e-4:
-                    return np.asarray(arm)
-        return None
-
-    def _iterates(self, configuration: Any, task: Any) -> Iterator[Array]:
-        for _ in range(60):
-            try:
-                velocity = self.pink.solve_ik(configuration, [task], 1.0, solver=self.solver)
-            except Exception:  # the quadratic program has no solution: continue with the next start
-                return
-            configuration.integrate_inplace(velocity, 1.0)
-            yield configuration.q

@@ -212,16 +212,11 @@ def commit() -> str | None:
     root = repository_root()
     if root is None:
         return None
+    described = ["git", "-C", str(root), "describe", "--always", "--exclude=*", "--dirty=+"]
     try:
-        run = [
-            subprocess.run(
-                ["git", "-C", str(root), *line], capture_output=True, text=True, check=True
-            ).stdout.strip()
-            for line in (["rev-parse", "--short", "HEAD"], ["status", "--porcelain", "--untracked-files=no"])
-        ]
+        return subprocess.run(described, capture_output=True, text=True, check=True).stdout.strip()
     except (OSError, subprocess.CalledProcessError):
         return None
-    return run[0] + ("+" if run[1] else "")
 
 
 def cpu_model() -> str:
