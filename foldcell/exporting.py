@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from foldcell.arguments import own_numeric_state
 from foldcell.arguments import path as as_path
-
-if TYPE_CHECKING:
-    from foldcell.optimising import OptimisedFold
+from foldcell.cell.support.files.whole_file import refuse_foreign, write_whole
+from foldcell.optimising import OptimisedFold
+from foldcell.robots.errors import ConfigurationError
+from foldcell.skills.trajectory.export.tool_poses import MARKS, tool_poses_text
 
 __all__ = ["export"]
 
@@ -26,11 +26,6 @@ def export(folds: Sequence[OptimisedFold], file: str | Path) -> Path:
     Raises ConfigurationError for another ending, for folds of several garments, for two folds of one name, if no
     fold has an arc, and if a file exists that is no export; StorageError if the file cannot be written.
     """
-    from foldcell.cell.support.files.whole_file import refuse_foreign, write_whole
-    from foldcell.optimising import OptimisedFold
-    from foldcell.robots.errors import ConfigurationError
-    from foldcell.skills.trajectory.export.tool_poses import MARKS, tool_poses_text
-
     path = as_path(file, "file")
     if not isinstance(folds, Sequence) or not all(isinstance(fold, OptimisedFold) for fold in folds):
         raise ConfigurationError(

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING
 
 from foldcell.arguments import flag, own_numeric_state, path, text, whole
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.record.run_record import RunRecord
+from foldcell.cell.runs.fold_run import fold_once
+from foldcell.cell.states.fold_request import FoldRequest
+from foldcell.cell.support.files.paths import logs_directory, prepare_logs
+from foldcell.robots.errors import ConfigurationError
 from foldcell.settings import Settings, cell_settings
-
-if TYPE_CHECKING:
-    from foldcell.cell.record.run_record import RunRecord
 
 __all__ = ["fold"]
 
@@ -47,12 +49,6 @@ def fold(
 
     A process performs one run at a time. Raises ConfigurationError and StorageError before anything moves.
     """
-    from foldcell.cell.config.garments.garment_file import load_garment
-    from foldcell.cell.runs.fold_run import fold_once
-    from foldcell.cell.states.fold_request import FoldRequest
-    from foldcell.cell.support.files.paths import logs_directory, prepare_logs
-    from foldcell.robots.errors import ConfigurationError
-
     seed = whole(seed, "seed")
     if not 0 <= seed <= LARGEST_SEED:
         raise ConfigurationError(f"{seed} is no seed", f"a whole number from 0 to {LARGEST_SEED} is")

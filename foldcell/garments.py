@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import numpy as np
 
 from foldcell.arguments import number, own_numeric_state, path, plain, text
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.hardware.placement import write_own_garment
+from foldcell.perceiving import PerceivedGarment
 from foldcell.robots.errors import ConfigurationError
 from foldcell.settings import Settings, cell_settings
-
-if TYPE_CHECKING:
-    from foldcell.perceiving import PerceivedGarment
+from foldcell.skills.garments.picture_measure import as_laid
 
 __all__ = ["new_garment"]
 
@@ -36,13 +38,6 @@ def new_garment(
     Raises ConfigurationError if nothing was recognised, for a wrong argument, for a file that exists, and if the
     folds cannot be planned on this outline; StorageError if the file cannot be written.
     """
-    import numpy as np
-
-    from foldcell.cell.config.garments.garment_file import load_garment
-    from foldcell.cell.hardware.placement import write_own_garment
-    from foldcell.perceiving import PerceivedGarment
-    from foldcell.skills.garments.picture_measure import as_laid
-
     if not isinstance(seen, PerceivedGarment):
         raise ConfigurationError(f"seen: is a {type(seen).__name__}", "give what foldcell.perceive returned")
     cell, file, like = cell_settings(settings), path(file, "file"), str(path(like, "like"))

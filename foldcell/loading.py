@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from foldcell.arguments import own_numeric_state, path
-
-if TYPE_CHECKING:
-    from foldcell.cell.journal.journal import Entry, Intent
-    from foldcell.cell.record.run_record import FoldRecord, RunRecord
-    from foldcell.cell.transcript.set_points import SetPoints
-    from foldcell.cell.transcript.transcript import Transcript
-    from foldcell.robots.ports import Array
+from foldcell.cell.journal.journal import Entry, Intent, Journal, performed
+from foldcell.cell.record.run_record import FoldRecord, RunRecord, record_of
+from foldcell.cell.support.files.paths import journal_path, logs_directory
+from foldcell.cell.transcript.set_points import SetPoints, read_grips, read_set_points
+from foldcell.cell.transcript.transcript import TRANSCRIPT, Transcript
+from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.ports import Array
 
 __all__ = ["Run", "load_run"]
 
@@ -58,8 +58,6 @@ class Run:
         `foldcell.cell.transcript.set_points.SetPoints` documents the arrays' shapes and units. Raises
         StorageError if the transcript is damaged or of another version.
         """
-        from foldcell.cell.transcript.set_points import read_set_points
-
         transcript = self._transcript()
         return read_set_points(transcript) if transcript else None
 
@@ -67,14 +65,10 @@ class Run:
     def grips(self) -> Mapping[str, Array] | None:
         """The grip forces that the pads measured: 'left' and 'right' -> (k, 2), rows of time [s] and force [N];
         None for a run without a transcript. Raises as `set_points`."""
-        from foldcell.cell.transcript.set_points import read_grips
-
         transcript = self._transcript()
         return read_grips(transcript) if transcript else None
 
     def _transcript(self) -> Transcript | None:
-        from foldcell.cell.transcript.transcript import TRANSCRIPT, Transcript
-
         file = self.folder / TRANSCRIPT
         return Transcript(file) if file.is_file() else None
 
@@ -83,6 +77,7 @@ class Run:
         """The set-points of the arms in the layout of a trajectory_msgs/JointTrajectory of ROS, with the joint
         names of the run's robot; None for a run without set-points. Raises as `set_points`, and
         ConfigurationError if the run's robot is no longer installed."""
+        # only now, because kinematics take a second to load
         from foldcell.cell.config.cell_settings import load_settings
         from foldcell.cell.hardware.robot_model import load_robot
         from foldcell.cell.runs.request_file import SETTINGS
@@ -103,11 +98,6 @@ def load_run(run: str | Path, logs: str | Path | None = None) -> Run:
     Raises ConfigurationError if the run does not exist or has not ended, StorageError if the journal cannot be
     read.
     """
-    from foldcell.cell.journal.journal import Journal, performed
-    from foldcell.cell.record.run_record import record_of
-    from foldcell.cell.support.files.paths import journal_path, logs_directory
-    from foldcell.robots.errors import ConfigurationError
-
     wanted = path(run, "run")
     named = None if logs is None else path(logs, "logs")
     folder = wanted.absolute()

@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from foldcell.arguments import own_numeric_state, path, text, whole
+from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.planning.plan_optimisation import StepOptimisation, optimise_plan
+from foldcell.robots.errors import ConfigurationError, Failure
+from foldcell.robots.ports import Array
 from foldcell.settings import Settings, cell_settings
-
-if TYPE_CHECKING:
-    from foldcell.cell.planning.plan_optimisation import StepOptimisation
-    from foldcell.robots.errors import Failure
-    from foldcell.robots.ports import Array
+from foldcell.skills.trajectory.export.tool_poses import pose_rows
 
 __all__ = ["OptimisedFold", "optimise"]
 
@@ -67,10 +66,6 @@ def optimise(
 
     Raises ConfigurationError for an invalid argument or file.
     """
-    from foldcell.cell.config.garments.garment_file import load_garment
-    from foldcell.cell.planning.plan_optimisation import optimise_plan
-    from foldcell.robots.errors import ConfigurationError
-
     step = None if step is None else whole(step, "step")
     budget = None if budget is None else whole(budget, "budget")
     method = None if method is None else text(method, "method")
@@ -83,8 +78,6 @@ def optimise(
 
 
 def _plain(garment: str, fold: StepOptimisation, lift: float) -> OptimisedFold:
-    from foldcell.skills.trajectory.export.tool_poses import pose_rows
-
     found, notes = fold.outcome.value, fold.outcome.notes
     return OptimisedFold(
         garment=garment,

@@ -6,21 +6,21 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias, Union
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
 
 from foldcell.arguments import own_numeric_state, path, text
+from foldcell.cell.hardware.photograph import Photograph, in_unit, perceive_photograph
+from foldcell.cell.support.files.picture_file import known_depth, read_depth, read_picture
 from foldcell.robots.errors import ConfigurationError, Failure
+from foldcell.robots.ports import Array
 from foldcell.settings import Settings, cell_settings
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from foldcell.cell.hardware.photograph import Photograph
-    from foldcell.robots.ports import Array
 
 __all__ = ["Image", "PerceivedGarment", "perceive"]
 
-Image: TypeAlias = Union["NDArray[Any]", Path, str]
+Image: TypeAlias = NDArray[Any] | Path | str
 """An array, or the path of a file."""
 
 
@@ -70,10 +70,6 @@ def perceive(
     Raises ConfigurationError for an invalid argument or file, and for a picture whose size differs from the
     calibrated camera's.
     """
-    import numpy as np
-
-    from foldcell.cell.hardware.photograph import in_unit, perceive_photograph
-
     unit = text(unit, "unit")
     if unit not in ("m", "px"):
         raise ConfigurationError(f"there is no unit '{unit}'", "it is m or px")
@@ -110,9 +106,6 @@ def perceive(
 def _photograph(rgb: Image, depth: Image | None, name: str, depth_name: str) -> Photograph:
     """Make a `Photograph` from arrays or files. name, depth_name: names of the arguments, for messages about
     arrays."""
-    from foldcell.cell.hardware.photograph import Photograph
-    from foldcell.cell.support.files.picture_file import read_depth, read_picture
-
     if isinstance(rgb, str | os.PathLike):
         file = path(rgb, name)
         name, picture = str(file), read_picture(file)
@@ -127,8 +120,6 @@ def _photograph(rgb: Image, depth: Image | None, name: str, depth_name: str) -> 
 
 
 def _colours(rgb: NDArray[Any], name: str) -> NDArray[Any]:
-    import numpy as np
-
     _check_array(rgb, name)
     if rgb.dtype != np.uint8 or rgb.ndim != 3 or rgb.shape[2] != 3 or not rgb.size:
         raise ConfigurationError(
@@ -138,8 +129,6 @@ def _colours(rgb: NDArray[Any], name: str) -> NDArray[Any]:
 
 
 def _metres(depth: NDArray[Any], name: str) -> NDArray[Any]:
-    from foldcell.cell.support.files.picture_file import known_depth
-
     _check_array(depth, name)
     if depth.ndim != 2 or depth.dtype.kind != "f":
         raise ConfigurationError(
@@ -149,8 +138,6 @@ def _metres(depth: NDArray[Any], name: str) -> NDArray[Any]:
 
 
 def _check_array(given: object, name: str) -> None:
-    import numpy as np
-
     if not isinstance(given, np.ndarray) or isinstance(given, np.ma.MaskedArray):
         raise ConfigurationError(
             f"{name}: is a {type(given).__name__}", "give a NumPy array without a mask, or the path of a file"

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias, Union
+from typing import Any, TypeAlias
 
 from foldcell.arguments import path, plain
-
-if TYPE_CHECKING:
-    from foldcell.cell.config.cell_settings import CellSettings
+from foldcell.cell.config.cell_settings import CellSettings, load_settings, overlaid
 
 __all__ = ["Settings", "cell_settings"]
 
-Settings: TypeAlias = Union["CellSettings", Mapping[str, Any], Path, str, None]
+Settings: TypeAlias = CellSettings | Mapping[str, Any] | Path | str | None
 """A settings file, a mapping of the values that differ from the shipped settings (as in a file: `{"optimiser":
 {"method": "initial"}}`), loaded settings, or None for the shipped settings."""
 
@@ -23,8 +21,6 @@ def cell_settings(given: Settings) -> CellSettings:
 
     Raises ConfigurationError for an unreadable file, an unknown key or a value out of range.
     """
-    from foldcell.cell.config.cell_settings import CellSettings, load_settings, overlaid
-
     if given is None:
         return load_settings()
     if isinstance(given, Mapping):

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 import foldcell
+from foldcell import folding
 from foldcell.arguments import flag, number, path, text, whole
 from foldcell.cell.config.cell_settings import load_settings
-from foldcell.cell.runs import fold_run
 from foldcell.cell.states.fold_request import FoldRequest
 from foldcell.cell.support.files.paths import journal_path
 
@@ -26,7 +26,7 @@ LATIN = "sh\udce9et.png"  # the file name b"sh\xe9et.png"
 def requests(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[FoldRequest]]:
     """The requests that `fold` makes; no run is performed."""
     taken: list[FoldRequest] = []
-    monkeypatch.setattr(fold_run, "fold_once", taken.append)
+    monkeypatch.setattr(folding, "fold_once", taken.append)
     yield taken
 
 
@@ -157,7 +157,7 @@ def test_every_public_function_has_its_own_numeric_state() -> None:
 
 def test_the_callers_numeric_state_does_not_reach_a_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """An underflow while grasping would otherwise end the run as a fault."""
-    monkeypatch.setattr(fold_run, "fold_once", lambda request: (np.geterr(), np.exp(np.float64(-750.0))))
+    monkeypatch.setattr(folding, "fold_once", lambda request: (np.geterr(), np.exp(np.float64(-750.0))))
     default = {"divide": "warn", "over": "warn", "under": "ignore", "invalid": "warn"}
     with np.errstate(all="raise"):
         assert foldcell.fold("small_towel", logs=tmp_path) == (default, 0.0)

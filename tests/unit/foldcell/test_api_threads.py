@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import foldcell
-from foldcell.cell.runs import fold_run
+from foldcell import folding
 from foldcell.cell.support.files.picture_file import read_picture
 from foldcell.cell.support.process.library_messages import captured_messages
 
@@ -93,7 +93,7 @@ def test_a_second_run_in_the_same_process_is_refused(monkeypatch: pytest.MonkeyP
         end.wait()
         return "folded"
 
-    monkeypatch.setattr(fold_run, "fold_once", run)
+    monkeypatch.setattr(folding, "fold_once", run)
     with ThreadPoolExecutor(1) as threads:
         first = threads.submit(foldcell.fold, "small_towel", logs=tmp_path / "first")
         begun.wait()
