@@ -1,22 +1,42 @@
-"""The scripts of tests/hil, which `make hil` and README show: each ends as it expects in the simulated cell. What
-else is asked of a run is in ALSO."""
+"""The scripts of tests/hil and tests/hil/faults: each ends as it expects in the simulated cell. What else is asked
+of a run is in ALSO.
+
+`make hil` performs all of them. The suite performs PART, three minutes of processor time at most; the others are
+marked `hil`: `pytest -m hil` performs them.
+"""
 
 from __future__ import annotations
 
 import json
+import subprocess
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import foldcell
+from foldcell.cell.campaigns.hil.script import Script
+from foldcell.cell.campaigns.hil.script_run import ScriptResult
 from foldcell.cell.commands.main import main
 from tests.runs import decided_again
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
-SCRIPTS = Path(__file__).parents[1] / "hil"
+ROOT = Path(__file__).parents[2]
+SCRIPTS = ROOT / "tests" / "hil"
 IN_THE_TEST_OF_THE_COMMAND = {"no_garment", "abort_with_cloth_in_the_hands"}
-"""Performed by test_hil_command.py."""
+"""Performed by test_hil_command.py: what nobody can mend, and an abort."""
+PART = {
+    "stop_in_mid_fold", "pause_in_mid_fold", "missed_grasp", "gripper_stuck", "camera_black",
+    "faults/joint_state_nan_for_good",
+}  # fmt: skip
+"""One script of each other kind of ending: a stop, a pause, a recovery to the end, a question that a person has to
+answer, an answer of the cell before anything moves, and a fault after which nothing may move."""
+ALL = sorted(
+    str(path.relative_to(SCRIPTS).with_suffix(""))
+    for path in SCRIPTS.rglob("*.yaml")
+    if path.stem not in IN_THE_TEST_OF_THE_COMMAND
+)
 
 
 def a_missed_grasp_is_made_again_lower(run: foldcell.Run) -> None:
@@ -46,9 +66,7 @@ def a_stop_holds_the_arms(run: foldcell.Run) -> None:
 ALSO = {"missed_grasp": a_missed_grasp_is_made_again_lower, "stop_in_mid_fold": a_stop_holds_the_arms}
 
 
-@pytest.mark.parametrize(
-    "name", sorted({path.stem for path in SCRIPTS.glob("*.yaml")} - IN_THE_TEST_OF_THE_COMMAND)
-)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in PART else pytest.mark.hil) for n in ALL])
 def test_a_shipped_script_ends_as_it_expects(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -57,3 +75,24 @@ def test_a_shipped_script_ends_as_it_expects(
     assert code == 0, told
     if name in ALSO:
         ALSO[name](foldcell.load_run(json.loads(told.splitlines()[-1])["scripts"][0]["run_dir"]))
+
+
+def test_make_hil_performs_every_script(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = subprocess.run(
+        ["make", "--dry-run", "hil"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout
+    (words,) = [line.split()[1:] for line in said.splitlines() if line.startswith(".venv/bin/foldcell hil ")]
+    performed: list[Path] = []
+
+    def perform(script: Script, *_: Any, **__: Any) -> ScriptResult:
+        performed.append(script.path)
+        return ScriptResult(script, (), None, 1.0)
+
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setattr("foldcell.cell.commands.run.hil.run_script", perform)
+    main([*words, "--logs", str(tmp_path), "--json"])
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])["not_performed"] == []
+    assert {path.resolve() for path in performed} == set(SCRIPTS.rglob("*.yaml"))
+    assert {*ALL} >= PART

@@ -16,6 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from foldcell.cell.control.ticks import TICK_S
 from foldcell.cell.executive.effects import EFFECTS
 from foldcell.cell.executive.machine import Executive, complete_table
 from foldcell.cell.executive.runner import Runner
@@ -142,6 +143,8 @@ class Life:
     way: list[Event] = field(default_factory=list)
     always: tuple[Effect, FailureKind] | None = None
     attended: bool = False
+    stop_in_choice: float | None = None
+    """A stop follows so long after the cell began to choose its first recovery [s]."""
     reenter: Event = Event.LOOK_AGAIN
     performed: list[tuple[State, Effect]] = field(default_factory=list)
     ended: list[Event | None] = field(default_factory=list)
@@ -149,6 +152,8 @@ class Life:
     saved: list[tuple[int, RunContext]] = field(default_factory=list)
     """Number of journal entries, and the context of the checkpoint."""
     after_stop: list[Effect] = field(default_factory=list)
+    waited_on: list[float] = field(default_factory=list)
+    """For how long a choice of a recovery, which may wait, went on after a stop [s]."""
     stopped_at: float | None = None
     unsaved: bool = False
     triggered: bool = False
@@ -182,7 +187,10 @@ class Life:
             if self.stopped_at is not None:
                 self.after_stop.append(effect)
             self.ended.append(None)
+            before = self.stopped_at
             result = self._outcome(cell, effect, context)
+            if effect is Effect.CHOOSE_RECOVERY and self.stopped_at is not None and before is None:
+                self.waited_on.append(self.cell.now - self.stopped_at)
             self.ended[-1] = result.event
             return result
 
@@ -195,6 +203,8 @@ class Life:
         move = self.moves.pop(0) if self.moves else Move()
         self._meanwhile(move)
         if effect is Effect.CHOOSE_RECOVERY:
+            if self.stop_in_choice is not None:
+                self._stop_in(self.stop_in_choice)
             return EFFECTS[effect](cell, context)
         self.cell.ports().clock.sleep_until(self.cell.now + 1.0)
         if effect is Effect.PHOTOGRAPH_TABLE and move.outcome == "usual":
@@ -225,17 +235,22 @@ class Life:
         elif move.meanwhile == "unsaved":
             self.unsaved = True
         elif move.meanwhile == "stop":
-            self.cell.at(self.cell.now + move.after_s, self._stop)
+            self._stop_in(move.after_s)
         elif move.meanwhile is not None:
             self.workcell.commands.put(Event(move.meanwhile))
 
-    def _stop(self) -> None:
-        self.cell.ports().stop.trigger("the button")
-        self.stopped_at, self.triggered = self.cell.now, True
+    def _stop_in(self, seconds: float) -> None:
+        def stop() -> None:
+            self.cell.ports().stop.trigger("the button")
+            self.stopped_at, self.triggered = moment, True
+
+        moment = self.cell.now + seconds
+        self.cell.at(moment, stop)
 
 
 WAY = st.sampled_from(PLACES).map(lambda place: [row.event for row in WAYS[place]])
-LIVES = st.builds(Life, st.lists(MOVES, max_size=30), WAY, ALWAYS, st.booleans())
+STOPS_IN_A_CHOICE = st.sampled_from((None, None, None, 0.5))
+LIVES = st.builds(Life, st.lists(MOVES, max_size=30), WAY, ALWAYS, st.booleans(), STOPS_IN_A_CHOICE)
 
 
 @settings(max_examples=300, deadline=None)
@@ -261,6 +276,7 @@ def nothing_begins_after_a_stop_but_holding(life: Life) -> None:
     assert set(life.after_stop) <= ENDING
     if life.stopped_at is not None:
         assert [t for t, _ in life.cell.commands if t > life.stopped_at] == []
+        assert max(life.waited_on, default=0.0) <= 2 * TICK_S, "a wait ends with the stop"
     assert bool(life.cell.stop_reason) == life.triggered, "only a person resets the stop"
 
 

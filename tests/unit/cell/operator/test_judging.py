@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import threading
-from queue import SimpleQueue
 
 import pytest
 from hypothesis import given
@@ -43,35 +42,15 @@ def test_any_other_line_is_no_verdict(line: str) -> None:
     assert judgement is None or (judgement.passed or judgement.why)
 
 
-class Typed(io.StringIO):
-    """Lines that are typed when they are put; None closes the terminal."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.lines: SimpleQueue[str | None] = SimpleQueue()
-
-    def __next__(self) -> str:
-        line = self.lines.get(timeout=10.0)
-        if line is None:
-            raise StopIteration
-        return line + "\n"
-
-    def __iter__(self) -> Typed:
-        return self
-
-
 def test_the_question_is_repeated_until_there_is_a_verdict(capsys: pytest.CaptureFixture[str]) -> None:
-    typed = Typed()
-    for line in ("a", "n", "N left Sleeve"):
-        typed.lines.put(line)
+    typed = io.StringIO("a\nn\nN left Sleeve\n")
     assert ask_judgement("towel", typed) == Judgement(False, "left Sleeve"), "the reason keeps its letters"
     said = capsys.readouterr().err
     assert said.startswith("towel: y if") and "'a' is no verdict" in said and "'n' is no verdict" in said
 
 
 def test_a_closed_terminal_ends_the_question() -> None:
-    typed = Typed()
-    typed.lines.put(None)
+    typed = io.StringIO()
     assert ask_judgement("towel", typed) is None
     assert ask_judgement("towel", typed) is None, "also a question that is asked later"
 
