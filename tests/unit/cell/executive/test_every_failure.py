@@ -103,6 +103,7 @@ def test_every_effect_is_reachable() -> None:
     assert {(row.target, row.effect) for row in TRANSITIONS if row.target not in TERMINAL} <= set(WAYS)
 
 
+@pytest.mark.usefixtures("waits_pass_at_once")
 @pytest.mark.parametrize("place", WAYS, ids=lambda place: f"{place[0]}-{place[1]}")
 def test_any_failure_in_any_state_ends_safe_with_its_reason(place: tuple[State, Effect]) -> None:
     cell = fake_workcell(FakeCell())

@@ -330,14 +330,9 @@ FAILING = [
 ]
 
 
+@pytest.mark.usefixtures("waits_pass_at_once")
 @pytest.mark.parametrize("state", FAILING)
-def test_every_failure_in_every_state_leads_to_a_state_that_has_what_it_needs(
-    state: State, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def pass_at_once(loop: Any, seconds: float, watch: Any) -> None:
-        loop.ports.clock.sleep_until(loop.ports.clock.now() + seconds)
-
-    monkeypatch.setattr("foldcell.cell.executive.effects.recovery.deciding.wait", pass_at_once)
+def test_every_failure_in_every_state_leads_to_a_state_that_has_what_it_needs(state: State) -> None:
     carried = state in {State.RETREATING, State.LOOKING_AFTER, State.INSPECTING, State.PRESSING}
     context = STAGES.get(state) or planned(carried=carried)
     for kind, attended in product(FailureKind, (True, False)):
