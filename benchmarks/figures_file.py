@@ -15,14 +15,16 @@ __all__ = ["command", "read_figures"]
 USAGE = 64
 
 
-def read_figures(path: Path, bench: str) -> dict[str, Any]:
-    """Read the JSON object that is the file's content, or its last line: the output of `foldcell bench NAME
-    --json`.
+def read_figures(arguments: Sequence[str], bench: str, program: str) -> dict[str, Any]:
+    """Read the JSON object that is a file's content, or its last line: the output of `foldcell bench NAME --json`.
 
-    bench: NAME, for the hint of an error. Raises ConfigurationError for a file that cannot be read or that
-    contains no object.
+    arguments: of the command line of `program`, the name of the file; bench: NAME. Raises
+    ConfigurationError for other arguments, and for a file that cannot be read or that contains no object.
     """
     hint = f"give the output of: foldcell bench {bench} --json"
+    if len(arguments) != 1:
+        raise ConfigurationError("one file of figures is expected", f"python -m {program} figures.json")
+    path = Path(arguments[0])
     try:
         text = path.read_text(encoding="utf-8").strip()
     except OSError as e:

@@ -79,6 +79,11 @@ class WorldFold:
         """Height by which the camera sees the flat garment above its mesh [m]."""
         return max(self.top - 0.5 * self.garment.material.thickness, 0.0)
 
+    @property
+    def _frames(self) -> float:
+        """Duration of the motion in frames."""
+        return max(float(path.t[-1]) for path in self.paths.values()) * FRAME_RATE
+
     def shoot(self, vertices: Array) -> CameraFrame:
         """Take a picture of the world's garment at `vertices` (n, 3)."""
         return self.studio.shoot(vertices)
@@ -93,12 +98,9 @@ class WorldFold:
         same at which the other hands open. laid_back: from `end`, they return to the grasps first. Returns the
         vertices (n, 3) at rest."""
         self.world.restore(self.start)
-        duration = max(float(path.t[-1]) for path in self.paths.values())
-        last = round(duration * FRAME_RATE)
+        last = round(self._frames)
         p, r = sample_paths(self.paths, last, 1.0 / FRAME_RATE)
-        for hand, grasp_id in enumerate(HANDS):
-            if grasp_id in self.paths:
-                self.world.grip(hand, p[0, hand] - (0.0, 0.0, DEEPER), r[0, hand], STROKE, FORCE)
+        self._grip(p[0], r[0])
         course = list(range(round(end * last) + 1))
         if laid_back:
             course += course[-2::-1]
@@ -115,9 +117,8 @@ class WorldFold:
         within 0.3 s, while they swerve by `aside` [m] along the fold line, and lose the cloth. Returns the
         vertices (n, 3) at rest, and the course of the hands as an ideal sensor measures it."""
         self.world.restore(self.start)
-        duration = max(float(path.t[-1]) for path in self.paths.values())
-        p, r = sample_paths(self.paths, round(duration * FRAME_RATE), 1.0 / FRAME_RATE)
-        last = round(share * duration * FRAME_RATE)
+        p, r = sample_paths(self.paths, round(self._frames), 1.0 / FRAME_RATE)
+        last = round(share * self._frames)
         sink = np.linspace(0.0, 1.0, round(0.3 * FRAME_RATE) + 1)[1:]
         fallen = np.repeat(p[last : last + 1], len(sink), axis=0)
         fallen[..., :2] += (aside * sink)[:, None, None] * self.step.line.direction
@@ -126,9 +127,7 @@ class WorldFold:
             np.vstack([p[: last + 1], fallen]),
             np.vstack([r[: last + 1], np.repeat(r[last : last + 1], len(sink), 0)]),
         )
-        for hand, grasp_id in enumerate(HANDS):
-            if grasp_id in self.paths:
-                self.world.grip(hand, p[0, hand] - (0.0, 0.0, DEEPER), r[0, hand], STROKE, FORCE)
+        self._grip(p[0], r[0])
         for k in range(len(p) - 1):
             self.world.frame(p[k : k + 2], r[k : k + 2], None)
         self._let_go(p[-1], r[-1])
@@ -169,6 +168,11 @@ class WorldFold:
             if np.quantile(distance, NEARLY_ALL) < SAME:
                 return state
         return FoldState.HALF_WAY
+
+    def _grip(self, position: Array, rotation: Array) -> None:
+        for hand, grasp_id in enumerate(HANDS):
+            if grasp_id in self.paths:
+                self.world.grip(hand, position[hand] - (0.0, 0.0, DEEPER), rotation[hand], STROKE, FORCE)
 
     def _let_go(self, position: Array, rotation: Array) -> None:
         for hand in range(len(HANDS)):

@@ -26,12 +26,9 @@ SETTLE_S = 2.0
 missing."""
 
 
-def screenshot(recording: Path, picture: Path, t: float | None = None, view: str | None = None) -> None:
-    """Draw `recording` at cell time t [s] (None: its end) into the PNG `picture`.
-
-    view: name of one view of the layout; None: the whole window. Raises CellError if the viewer, a graphics driver
-    or the view is missing.
-    """
+def screenshot(recording: Path, picture: Path, t: float) -> None:
+    """Draw `recording` at cell time t [s] into the PNG `picture`. Raises CellError if the viewer or a
+    graphics driver is missing."""
     executable = find_viewer()
     if executable is None:
         raise CellError("the Rerun viewer is not installed", "pip install rerun-sdk")
@@ -39,27 +36,14 @@ def screenshot(recording: Path, picture: Path, t: float | None = None, view: str
         with ViewerClient.spawn(headless=True, port=free_port(), executable_path=str(executable)) as viewer:
             viewer.open(str(recording))
             time.sleep(SETTLE_S)
-            viewer.set_time(TIMELINE, duration=_end(viewer) if t is None else t, play_state="paused")
+            viewer.set_time(TIMELINE, duration=t, play_state="paused")
             time.sleep(SETTLE_S)
-            data = viewer.take_screenshot(_view_id(viewer, view) if view else None)
+            data = viewer.take_screenshot()
     except (RuntimeError, ConnectionError) as error:  # the viewer may end without an answer
         raise CellError(
             f"the viewer could not draw {recording}: {error}",
             "a graphics driver is needed: apt-get install mesa-vulkan-drivers",
         ) from error
     pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-    if pixels is None or not cv2.imwrite(str(picture), pixels[0 if view else MENU_BAR :]):
+    if pixels is None or not cv2.imwrite(str(picture), pixels[MENU_BAR:]):
         raise CellError(f"the picture {picture} cannot be written", "choose a writable .png")
-
-
-def _end(viewer: ViewerClient) -> float:
-    """Return the last cell time of the open recording [s]."""
-    timelines = viewer.get_state().recordings[0].timelines
-    return max(float(line.end or 0) / 1e9 for line in timelines if line.name == TIMELINE)
-
-
-def _view_id(viewer: ViewerClient, name: str) -> str:
-    views = {v.name: v.view_id for v in viewer.get_state().views}
-    if name not in views:
-        raise CellError(f"the recording has no view {name!r}", f"views: {', '.join(views)}")
-    return str(views[name])

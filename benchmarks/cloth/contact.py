@@ -175,18 +175,6 @@ def sides(quick: bool, tell: Tell) -> dict[str, Any]:
     return figures | fold_all(mesh, MATERIAL, sides_folds()).figures("sides")
 
 
-def shipped(quick: bool, tell: Tell) -> dict[str, Any]:
-    """Fold every shipped garment by its plan, along arcs of the same kind. Return the worst figures, and a row per
-    garment."""
-    rows, worst = [], Folded()
-    for name in list_garments()[: 2 if quick else None]:
-        found = fold_all(*planned_folds(name))
-        worst.add(found)
-        rows.append({"garment": name} | found.row())
-        tell(f"{name}: {found.line()}")
-    return worst.figures("shipped") | {"shipped": rows}
-
-
 def starts(quick: bool, tell: Tell) -> dict[str, Any]:
     """Fold the two-layer shirt and all shipped garments, each from slightly different starts.
 
@@ -210,11 +198,6 @@ def starts(quick: bool, tell: Tell) -> dict[str, Any]:
         })  # fmt: skip
     counted = ("folds", "end_crossed", "crossed_over_5", "not_at_rest")
     return {f"starts_{key}": sum(row[key] for row in rows) for key in counted} | {"starts": rows}
-
-
-def pants(quick: bool, tell: Tell) -> dict[str, Any]:
-    mesh, material, folds = planned_folds("pants")
-    return fold_all(mesh, material, folds).figures("pants")
 
 
 def variants(quick: bool, tell: Tell) -> dict[str, Any]:

@@ -17,23 +17,15 @@ import mujoco
 import numpy as np
 
 from benchmarks.cloth import Tell
-from benchmarks.cloth.physics import (
-    CREEP_RATIO,
-    FRICTIONS,
-    PATCH,
-    SLIDE_RATIOS,
-    STRETCHES,
-    STRIP,
-    slide_expected,
-    slope,
-)
+from benchmarks.cloth.physics import FRICTIONS, STRETCHES, STRIP, on_slopes
 from benchmarks.cloth.scenes import MATERIAL, RELEASE, SETTLE, SharedFold, optimised_fold, plain_fold
 from foldcell.calibration.bending import peirce
 from foldcell.cell.simulation.garment.mujoco_cloth import MujocoCloth, MujocoSettings
 from foldcell.robots.ports import Array
 from foldcell.skills.cloth.elasticity import GRAVITY
-from foldcell.skills.cloth.mesh import mesh_from_contour
+from foldcell.skills.cloth.mesh import ClothMesh, mesh_from_contour
 from foldcell.skills.cloth.predict import predict_fold, sample_paths
+from foldcell.skills.vocabulary import Material
 
 Figures = dict[str, Any]
 LAB = MujocoSettings(steps=8, solref=0.005, iterations=50, rest=False, selfcollide=False)
@@ -52,20 +44,10 @@ def refined(steps: int) -> MujocoSettings:
 
 
 def tilt(figures: Figures, frictions: Sequence[float] = FRICTIONS) -> None:
-    mesh = mesh_from_contour(PATCH, 0.026)
-    creep, error = 0.0, 0.0
-    for mu in frictions:
-        material = replace(MATERIAL, friction_static=mu, friction_dynamic=mu)
-        for ratio in (CREEP_RATIO, *SLIDE_RATIOS):
-            angle, gravity = slope(mu, ratio)
-            cloth = MujocoCloth(mesh, material, settings=replace(LAB, gravity=gravity))
-            before = cloth.positions
-            cloth.advance(60)
-            way = (cloth.positions - before)[:, 0]
-            if ratio < 1.0:
-                creep = max(creep, 1e3 * float(np.abs(way).max()))
-            else:
-                error = max(error, abs(float(way.mean()) / slide_expected(mu, angle) - 1.0))
+    def cloth(mesh: ClothMesh, material: Material, gravity: tuple[float, float, float]) -> MujocoCloth:
+        return MujocoCloth(mesh, material, settings=replace(LAB, gravity=gravity))
+
+    creep, error = on_slopes(cloth, frictions)
     figures["mujoco_tilt_creep_mm_max"], figures["mujoco_tilt_slide_error_rel_max"] = creep, error
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -15,6 +16,7 @@ from foldcell.skills.cloth.elasticity import GRAVITY
 from foldcell.skills.cloth.mesh import ClothMesh, mesh_from_contour
 from foldcell.skills.cloth.settings import SolverSettings
 from foldcell.skills.cloth.solver import ClothSimulation
+from foldcell.skills.vocabulary import Material
 
 PATCH = np.array([[-0.15, -0.1], [0.15, -0.1], [0.15, 0.1], [-0.15, 0.1]])
 CREEP_RATIO, SLIDE_RATIOS = 0.98, (1.02, 1.1, 1.5)
@@ -37,15 +39,28 @@ def slide_expected(mu: float, angle: float, seconds: float = 1.0) -> float:
 
 
 def tilt(quick: bool, tell: Tell) -> dict[str, Any]:
+    creep, error = on_slopes(
+        lambda mesh, material, gravity: ClothSimulation(
+            mesh, material, settings=SolverSettings(gravity=gravity, drag=0.0)
+        )
+    )
+    return {"tilt_creep_mm_max": creep, "tilt_slide_error_rel_max": error}
+
+
+def on_slopes(
+    cloth: Callable[[ClothMesh, Material, tuple[float, float, float]], Any],
+    frictions: Sequence[float] = FRICTIONS,
+) -> tuple[float, float]:
     """Test Coulomb friction on a tilted table. Below the critical slope the sheet must not creep; above it, it
-    must slide like a block."""
+    must slide like a block. cloth: makes the simulation from mesh, fabric and gravity. Returns the largest creep
+    [mm] and the largest relative error of a slide."""
     mesh = mesh_from_contour(PATCH, 0.026)
     creep, error = 0.0, 0.0
-    for mu in FRICTIONS:
+    for mu in frictions:
         material = replace(MATERIAL, friction_static=mu, friction_dynamic=mu)
         for ratio in (CREEP_RATIO, *SLIDE_RATIOS):
             angle, gravity = slope(mu, ratio)
-            s = ClothSimulation(mesh, material, settings=SolverSettings(gravity=gravity, drag=0.0))
+            s = cloth(mesh, material, gravity)
             before = s.positions
             s.advance(60)
             way = (s.positions - before)[:, 0]
@@ -53,7 +68,7 @@ def tilt(quick: bool, tell: Tell) -> dict[str, Any]:
                 creep = max(creep, 1e3 * float(np.abs(way).max()))
             else:
                 error = max(error, abs(float(way.mean()) / slide_expected(mu, angle) - 1.0))
-    return {"tilt_creep_mm_max": creep, "tilt_slide_error_rel_max": error}
+    return creep, error
 
 
 def layers(quick: bool, tell: Tell) -> dict[str, Any]:

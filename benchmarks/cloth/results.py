@@ -9,7 +9,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 from benchmarks.figures_file import command, read_figures
@@ -87,10 +86,8 @@ CONTACT = "Self-contact"
 SCENES = {
     "shirt": "shirt",
     "shirting": "shirt with the paper's stretch",
-    "pants": "pants",
     "sides": "shirt, sleeves together with sides",
     "variants": "variants",
-    "shipped": "shipped garments",
 }
 CONTACT_FIGURES = (
     Row("crossings at the end", "end_crossings", 0),
@@ -174,7 +171,6 @@ LISTS = {
     "substeps_folds": "Substeps per frame: speed, and mean distance from the result with 48 substeps",
     "variants": "Variants: folds with other friction, thickness and speed",
     "variants_by_turn": "Strain of the variants with other definitions of a crease",
-    "shipped": "The shipped garments",
     "starts": "Shirt and shipped garments from six starts that differ by 1e-6 m",
     "hang_garment": "Hung garments of the paper's table",
     "mujoco_refinement": "MuJoCo: refinement of the time step",
@@ -202,11 +198,7 @@ HEADINGS = {
 
 
 def main(arguments: Sequence[str], tell: Callable[[str], Any] = sys.stdout.write) -> int:
-    if len(arguments) != 1:
-        raise ConfigurationError(
-            "one file of figures is expected", "python -m benchmarks.cloth.results figures.json"
-        )
-    figures = read_figures(Path(arguments[0]), "cloth")
+    figures = read_figures(arguments, "cloth", "benchmarks.cloth.results")
     known = {row.key for rows in SECTIONS.values() for row in rows} | set(LISTS)
     known |= {f"{name}_{row.key}" for name in SCENES for row in CONTACT_FIGURES}
     if known.isdisjoint(figures):

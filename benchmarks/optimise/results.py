@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from benchmarks.figures_file import command, read_figures
@@ -126,11 +125,7 @@ def _rounded(value: Any) -> Any:
 
 
 def main(arguments: Sequence[str], tell: Callable[[str], Any] = sys.stdout.write) -> int:
-    if len(arguments) != 1:
-        raise ConfigurationError(
-            "one file of figures is expected", "python -m benchmarks.optimise.results figures.json"
-        )
-    figures = read_figures(Path(arguments[0]), "optimise")
+    figures = read_figures(arguments, "optimise", "benchmarks.optimise.results")
     if not figures.get("steps"):
         raise ConfigurationError(
             f"{arguments[0]} holds no figures of the optimiser",

@@ -127,11 +127,7 @@ def _shown(value: Any) -> str:
 
 
 def main(arguments: Sequence[str]) -> int:
-    if len(arguments) != 1:
-        raise ConfigurationError(
-            "one file of figures is expected", "python -m benchmarks.perception.document figures.json"
-        )
-    figures = read_figures(Path(arguments[0]), "perception")
+    figures = read_figures(arguments, "perception", "benchmarks.perception.document")
     try:
         write(figures)
     except KeyError as e:

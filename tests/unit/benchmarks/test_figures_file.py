@@ -74,9 +74,9 @@ def test_foreign_figures_leave_the_page_unchanged(tmp_path: Path, monkeypatch: p
 def test_figures_are_read_from_the_whole_file_or_its_last_line(shape: str | None, tmp_path: Path) -> None:
     figures, file = {"a_mm": 1.5, "list": [{"b": 2}]}, tmp_path / "figures.json"
     file.write_text(json.dumps(figures, indent=1) if shape is None else shape.format(json.dumps(figures)))
-    assert read_figures(file, "cloth") == figures
+    assert read_figures([str(file)], "cloth", "benchmarks.cloth.results") == figures
 
 
 def test_a_folder_instead_of_a_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="cannot be read"):
-        read_figures(tmp_path, "cloth")
+        read_figures([str(tmp_path)], "cloth", "benchmarks.cloth.results")
