@@ -248,21 +248,25 @@ def read_depth(message: Any, colour: Any) -> NDArray[np.float32]:
 
 def read_intrinsics(info: Any, colour: Any) -> Intrinsics:
     """Return the intrinsics in a sensor_msgs/CameraInfo. Raises DriverError(CAMERA_FAULT) if they do not fit the
-    picture."""
-    if (info.height, info.width) != (colour.height, colour.width) or not (info.K[0] > 0.0 and info.K[4] > 0.0):
+    picture or are no numbers."""
+    fx, fy, cx, cy = (info.K[k] for k in (0, 4, 2, 5))
+    fits = (info.height, info.width) == (colour.height, colour.width)
+    if not (fits and np.isfinite([fx, fy, cx, cy]).all() and min(fx, fy) > 0.0):
         raise DriverError(
             FailureKind.CAMERA_FAULT,
-            f"the intrinsics do not fit the picture ({info.width}x{info.height} pixels, fx = {info.K[0]:g})",
+            f"the intrinsics do not fit the picture ({info.width}x{info.height} pixels, fx = {fx:g}, fy = {fy:g},"
+            f" cx = {cx:g}, cy = {cy:g})",
             HINT,
         )
-    return Intrinsics(info.width, info.height, info.K[0], info.K[4], info.K[2], info.K[5])
+    return Intrinsics(info.width, info.height, fx, fy, cx, cy)
 
 
 def _pixels(message: Any, kind: np.dtype, channels: int) -> NDArray:
     """Return the pixels (H, W * channels) without row padding."""
     row = message.width * channels
     rows = np.frombuffer(message.data, dtype=np.uint8)
-    if message.step < row * kind.itemsize or rows.size < message.height * message.step:
+    empty = message.height == 0 or message.width == 0
+    if empty or message.step < row * kind.itemsize or rows.size < message.height * message.step:
         raise _unread(message, "complete rows")
     rows = rows[: message.height * message.step].reshape(message.height, message.step)
     return np.ascontiguousarray(rows[:, : row * kind.itemsize]).view(kind)

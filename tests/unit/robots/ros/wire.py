@@ -17,7 +17,7 @@ class Wire:
         self.heard: Callable[[Any], None] = lambda message: None
         self.time = 0.0
 
-    def publisher(self, topic: str, kind: Any) -> Wire:
+    def publisher(self, topic: str, kind: Any, latch: bool = False) -> Wire:
         return self
 
     def subscribe(self, topic: str, kind: Any, heard: Callable[[Any], None], queue: int = 1) -> None:
