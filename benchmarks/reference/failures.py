@@ -10,6 +10,7 @@ from pathlib import Path
 
 from benchmarks.reference.markdown import cell, table
 from foldcell.cell.config.deciding_setting import LIMITS
+from foldcell.cell.executive.effects import claiming, inspecting
 from foldcell.cell.record.words import plain
 from foldcell.cell.states.recovery_table import RECOVERIES
 from foldcell.robots.errors import FailureKind
@@ -181,7 +182,8 @@ def _of_kind(kind: FailureKind, found: Iterable[Message]) -> list[str]:
     lines = ["", f"## {plain(kind)}", "", f"`{kind}`: {CAUSES[kind]}."]
     if keys:
         lines.append(f"Limits in `cell.yaml`: {', '.join(dict.fromkeys(keys))}.")
-    lines.append(f"The cell asks, in the end, because {RECOVERIES[kind][-1].reason}.")
+    lines += [f"Remedy: {hints[kind]}." for hints in (inspecting.HINTS, claiming.HINTS) if kind in hints]
+    lines.append(f"If its own tries do not help, the cell asks a person, because {RECOVERIES[kind][-1].reason}.")
     return [*lines, *_table(found)]
 
 

@@ -57,7 +57,8 @@ def stopped(ports: Ports) -> Failure | None:
     return Failure(
         FailureKind.STOPPED,
         f"the stop was triggered: {stop.reason or 'no reason given'}",
-        "clear the cause and reset the stop before starting again",
+        "clear the cause before starting again"
+        + ("" if ports.simulated else ", and reset the stop (`foldcell reset`)"),
     )
 
 

@@ -99,5 +99,5 @@ def _for_pages(svg: str) -> str:
     )
     svg = re.sub(r'<svg width="[^"]*" height="[^"]*"', '<svg class="states"', svg)
     svg = re.sub(r"<!--.*?-->\n", "", svg, flags=re.S)
-    svg = re.sub(r"<title>[^<]*\\\\l[^<]*</title>\n", "", svg)  # remove the title that repeats the legend
+    svg = re.sub(r"<title>[^<]*\\l[^<]*</title>\n", "", svg)  # remove the title that repeats the legend
     return re.sub(r"(<text[^>]*>)([^<]*)(</text>)", lambda m: m[1] + m[2].replace("_", " ") + m[3], svg)

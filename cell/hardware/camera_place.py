@@ -5,10 +5,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import product
+from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
-from foldcell.cell.config.cell_settings import CellSettings
+from foldcell.cell.config.cell_settings import CameraConfig, CellSettings
 from foldcell.cell.hardware.camera import camera_calibration, nominal_calibration
 from foldcell.cell.hardware.robot_check import PLACES_X, PLACES_Y, view_margins
 from foldcell.cell.report.pictures.bare_cell import Surroundings, robot_mesh
@@ -100,12 +102,25 @@ def place_that_fits(settings: CellSettings, model: RobotModel) -> str:
     eye, target = np.asarray(calibration.T_table_camera)[:3, 3], _target(calibration.T_table_camera)
     for move in _moves():
         place = eye + move
-        if place[2] - target[2] > 0.0 and _fits(settings, model, _looking(calibration, place, target)):
+        if _may_be_stated(place, target) and _fits(settings, model, _looking(calibration, place, target)):
             words = (
                 f"{abs(by):.2f} m {_DIRECTIONS[axis][int(by > 0.0)]}" for axis, by in enumerate(move) if by != 0.0
             )
             return f"the camera fits {' and '.join(words)}, at {_point(place)}, looking at {_point(target)}"
     return f"no place within {STEP * STEPS:.2f} m fits that looks at {_point(target)}"
+
+
+def _may_be_stated(place: Array, target: Array) -> bool:
+    """Whether the settings take this place: advice that they refuse helps nobody."""
+    stated: dict[str, Any] = {
+        key: tuple(np.round(p, 2).tolist()) for key, p in (("position", place), ("target", target))
+    }
+    unstated = dict.fromkeys(CameraConfig.model_fields)
+    try:
+        CameraConfig.model_validate({**unstated, "reference": "none", **stated})
+    except ValidationError:
+        return False
+    return True
 
 
 def _moves() -> list[Array]:

@@ -88,8 +88,8 @@ def cell_findings(settings: CellSettings) -> Iterator[Finding]:
         if key and overriding_file(key, settings) is not None:
             key = f"{key.split('.')[0]}.calibration"
         if not finding.good and not told and key.startswith("camera."):
-            told = True
             found = f"{found}; {place_that_fits(settings, model)}"
+        told = told or (not finding.good and key.startswith(("camera.", "table.")))
         yield replace(finding, key=key, found=found)
 
 

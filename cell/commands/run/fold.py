@@ -121,6 +121,9 @@ def _claim(claim: Claim) -> str:
 
 def _score(run: RunRecord, score: ScoreRecord) -> str:
     verdict = "passed" if score.passed else "not passed"
+    open_folds = ", ".join(fold.name for fold in run.steps if not fold.done)
+    if open_folds and not score.passed:
+        verdict += f" (not completed: {open_folds})"
     if run.result == "folded" and not score.passed:
         verdict += f" ({missed_in_words(score)})"
     names = ("iou", "correspondence_m", "edges_m", "drift_m", "height_m")

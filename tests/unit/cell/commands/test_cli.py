@@ -235,6 +235,15 @@ def test_the_summary_names_the_figure_beyond_its_limit(fake: FakeRun, capsys: py
     assert missed in capsys.readouterr().out
 
 
+def test_the_score_of_an_unfinished_garment_says_which_folds_are_missing(
+    fake: FakeRun, capsys: pytest.CaptureFixture[str]
+) -> None:
+    steps = (FOLDED.steps[0], replace(FOLDED.steps[0], name="quarter", done=False))
+    fake.answer = replace(FOLDED, result="not_folded", steps=steps, score=score_record(passed=False, iou=0.49))
+    main(["fold", "vest"])
+    assert "not passed (not completed: quarter), IoU 0.490" in capsys.readouterr().out
+
+
 def test_the_summary_says_why_the_heights_are_not_judged(
     fake: FakeRun, capsys: pytest.CaptureFixture[str]
 ) -> None:

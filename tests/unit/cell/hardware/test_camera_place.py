@@ -12,11 +12,12 @@ import yaml
 
 from foldcell.cell.config.cell_settings import CellSettings, load_settings
 from foldcell.cell.hardware.camera import camera_calibration
-from foldcell.cell.hardware.camera_place import expected_picture
+from foldcell.cell.hardware.camera_place import expected_picture, place_that_fits
 from foldcell.cell.hardware.cell_check import Finding, cell_findings, refuse_unfit_cell
 from foldcell.cell.hardware.cell_drawing import CAMERA_WIDTH, HEAD, PAD, draw_cell
 from foldcell.cell.hardware.robot_model import load_robot
 from foldcell.robots.errors import ConfigurationError
+from foldcell.skills.vocabulary import CameraCalibration
 
 BEHIND_ITS_HEAD = {"position": [0.2, 0.0, 1.0], "target": [0.6, 0.0, 0.0], "view_deg": 58}
 """The parked arms are outside the picture, the robot's own head is in it: runs are refused."""
@@ -51,6 +52,25 @@ def test_the_place_that_is_named_fits(tmp_path: Path) -> None:
     (told,) = [f.found for f in bad(cell(tmp_path, camera=BEHIND_ITS_HEAD)).values() if "fits" in f.found]
     assert told.endswith("the camera fits 0.05 m forward, at [0.25, 0.00, 1.00], looking at [0.60, 0.00, 0.00]")
     assert not bad(cell(tmp_path, camera={**BEHIND_ITS_HEAD, "position": [0.25, 0.0, 1.0]}))
+
+
+def test_beside_a_table_that_does_not_fit_no_place_of_the_camera_is_advised(tmp_path: Path) -> None:
+    found = bad(cell(tmp_path, table={"height": 0.4}))
+    assert any(finding.key == "table.height" for finding in found.values())
+    assert not [finding.found for finding in found.values() if "the camera fits" in finding.found]
+
+
+def test_no_place_is_advised_that_the_settings_refuse(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The nearest place that would show the table is below the least height that may be stated."""
+    monkeypatch.setattr("foldcell.cell.hardware.camera_place._fits", lambda _s, _m, seen: eye_height(seen) < 0.3)
+    settings = cell(tmp_path, camera={"position": [0.4, 0.0, 0.5], "target": [0.6, 0.0, 0.0]})
+    told = place_that_fits(settings, load_robot(settings))
+    height = float(told.split("at [")[1].split("]")[0].split(",")[2])
+    assert 0.2 <= height < 0.3
+
+
+def eye_height(calibration: CameraCalibration) -> float:
+    return float(calibration.T_table_camera[2, 3])
 
 
 def test_where_no_place_fits_it_is_said(tmp_path: Path) -> None:
