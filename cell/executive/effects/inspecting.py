@@ -39,7 +39,7 @@ pressing, the outline before pressing is judged."""
 
 HINTS = {
     FailureKind.DRIFT: "the garment moved as a whole: lay a rougher cloth under it, or lower motion.tool_speed",
-    FailureKind.PILING: "cloth is heaped up: smooth it by hand; if it recurs, `foldcell optimise` the garment",
+    FailureKind.PILING: "cloth is heaped up: smooth it by hand; if it recurs, optimise the arcs of this garment",
     FailureKind.SAG: "the part between the hands sagged: grasp it wider apart (the folds in the garment file)",
     FailureKind.DROPPED_CORNER: "a corner was dropped during the fold: raise grasp.grip_force",
     FailureKind.MISSED_LAYER: "not all layers were moved: put them right by hand, or raise grasp.contact_force",
