@@ -23,7 +23,7 @@ from foldcell.cell.simulation.garment.cloth_body import FRAME_RATE
 from foldcell.cell.simulation.garment.fabric import garment_uv
 from foldcell.cell.simulation.garment.garment import WorldGarment
 from foldcell.cell.simulation.noise import load_noise
-from foldcell.robots.baxter.camera_mount import MOUNT
+from foldcell.robots.baxter.robot import MOUNT
 from foldcell.skills.cloth.mesh import ClothMesh
 from foldcell.skills.cloth.predict import HANDS, predict_fold, sample_paths
 from foldcell.skills.fold_plan.crease_mesh import predictor_mesh

@@ -3,7 +3,7 @@
 A procedure is a generator. It yields effects, receives their outcomes and returns its own outcome. It has no other
 access to the cell. The runner in cell/calibrating performs the effects: it plans, checks, watches the stop circuit
 and writes the journal. A procedure receives only the failures of planning (ANSWERABLE), which come before any
-motion, and may handle them. Every other failure ends it.
+motion, and may handle them. Every other failure ends it, and so does a failure that it unwraps.
 """
 
 from __future__ import annotations

@@ -144,10 +144,7 @@ def calibrate_hand_eye(
     T_base_camera = table.T_base_table @ camera.T_table_camera
     views: list[HandView] = []
     for side in Side:
-        found = yield from _views_in(side, T_base_camera, settings)
-        if found.failure:
-            return Outcome(failure=found.failure)
-        views += found.unwrap()
+        views += (yield from _views_in(side, T_base_camera, settings)).unwrap()
     return fit_hand_eye(robot, camera.intrinsics, views, settings)
 
 

@@ -138,10 +138,7 @@ def calibrate_table(table: Table, wanted: int = POINTS) -> Procedure[TableCalibr
             skipped = touched.failure
             yield from note(f"point {k + 1} at ({x:.2f}, {y:.2f}) skipped: {touched.failure.what}")
             continue
-        contact = contact_height(touched.unwrap())
-        if contact.failure:
-            return Outcome(failure=contact.failure)
-        z, stiffness = contact.unwrap()
+        z, stiffness = contact_height(touched.unwrap()).unwrap()
         contacts.append((side, np.array([touched.unwrap().x, touched.unwrap().y, z]), stiffness))
         place = f"{side} at ({x:.2f}, {y:.2f})"
         yield from note(f"point {len(contacts)} of {wanted}, {place}: z {1e3 * z:.2f} mm, base frame")

@@ -18,7 +18,7 @@ from foldcell.robots.ports import Array, Side, TactileReading
 from foldcell.skills.grasping.confirm import CONFIRM_READINGS
 from foldcell.skills.grasping.descend import CONTACT_READINGS
 from foldcell.skills.grasping.tare import TARE_READINGS
-from foldcell.skills.vocabulary import Failure, FailureKind, Outcome, Table
+from foldcell.skills.vocabulary import Failure, FailureKind, Outcome, Table, skill
 
 __all__ = [
     "FingerFigures",
@@ -97,24 +97,13 @@ def calibrate_tactile(table: Table) -> Procedure[TactileCalibration]:
     heard = yield from listen(SECONDS)
     figures: dict[Side, FingerFigures] = {}
     for side, readings in heard.items():
-        found = finger_figures(side, readings)
-        if found.failure:
-            return Outcome(failure=found.failure)
-        figures[side] = found.unwrap()
-    levels = thresholds(figures)
-    if levels.failure:
-        return Outcome(failure=levels.failure)
-    contact, held = levels.unwrap()
+        figures[side] = finger_figures(side, readings).unwrap()
+    contact, held = thresholds(figures).unwrap()
     yield from note(f"thresholds: contact {contact:.2f} N, held {held:.2f} N; pressing the table")
     stiffness, noticed = {}, {}
     for side, (x, y) in POINTS.items():
-        touched = yield from touch(side, x, y)
-        if touched.failure:
-            return Outcome(failure=touched.failure)
-        detected = _detection(touched.unwrap(), contact)
-        if detected.failure:
-            return Outcome(failure=detected.failure)
-        stiffness[side], noticed[side] = detected.unwrap()
+        touched = (yield from touch(side, x, y)).unwrap()
+        stiffness[side], noticed[side] = _detection(touched, contact).unwrap()
     counts = [false_contacts(r, contact) for r in heard.values()]
     false, zeros = (sum(c) for c in zip(*counts, strict=True))
     if zeros == 0:
@@ -185,13 +174,11 @@ def thresholds(figures: Mapping[Side, FingerFigures]) -> Outcome[tuple[float, fl
     return Outcome((max(0.1, round(float(contact), 3)), max(0.1, round(float(held), 3))))
 
 
+@skill
 def _detection(touched: TouchReadings, contact: float) -> Outcome[tuple[float, float]]:
     """Return the stiffness [N/m], and the depth below first contact at which the threshold detects the contact
     [m]. It is assumed that each tip bears half of the force."""
-    fitted = contact_height(touched)
-    if fitted.failure:
-        return Outcome(failure=fitted.failure)
-    first, stiffness = fitted.unwrap()
+    first, stiffness = contact_height(touched).unwrap()
     over = 0.5 * touched.force >= contact
     in_a_row = CONTACT_READINGS
     at = next((k for k in range(in_a_row - 1, len(over)) if over[k - in_a_row + 1 : k + 1].all()), None)

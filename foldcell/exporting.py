@@ -10,7 +10,7 @@ from foldcell.arguments import path as as_path
 from foldcell.cell.support.files.whole_file import refuse_foreign, write_whole
 from foldcell.optimising import OptimisedFold
 from foldcell.robots.errors import ConfigurationError
-from foldcell.skills.trajectory.export.tool_poses import MARKS, tool_poses_text
+from foldcell.skills.trajectory.export import MARKS, tool_poses_text
 
 __all__ = ["export"]
 

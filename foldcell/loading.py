@@ -81,7 +81,7 @@ class Run:
         from foldcell.cell.config.cell_settings import load_settings
         from foldcell.cell.hardware.robot_model import load_robot
         from foldcell.cell.runs.request_file import SETTINGS
-        from foldcell.skills.trajectory.export.ros_messages import joint_trajectory
+        from foldcell.skills.trajectory.export import joint_trajectory
 
         sent = self.set_points()
         if sent is None or not len(sent.t):

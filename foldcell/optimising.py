@@ -12,7 +12,7 @@ from foldcell.cell.planning.plan_optimisation import StepOptimisation, optimise_
 from foldcell.robots.errors import ConfigurationError, Failure
 from foldcell.robots.ports import Array
 from foldcell.settings import Settings, cell_settings
-from foldcell.skills.trajectory.export.tool_poses import pose_rows
+from foldcell.skills.trajectory.export import pose_rows
 
 __all__ = ["OptimisedFold", "optimise"]
 

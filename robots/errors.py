@@ -1,8 +1,9 @@
 """Errors and failures of the whole cell. Each one states what happened and what the operator can do.
 
 Skills do not raise exceptions for failures that a cell must expect (a missed grasp, an unreachable target). They
-return an `Outcome` that contains a `Failure`. Exceptions are for unexpected errors: a broken driver, a wrong
-configuration, a bug. Failures, exceptions, recoveries, reports and injected faults use the same `FailureKind`.
+return an `Outcome` that contains a `Failure`. Exceptions that leave a skill are for unexpected errors: a broken
+driver, a wrong configuration, a bug. Failures, exceptions, recoveries, reports and injected faults use the same
+`FailureKind`.
 """
 
 from __future__ import annotations

@@ -7,15 +7,16 @@ flat garment before the first fold. Before the first fold, the two are equal.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Generic, TypeVar
+from functools import wraps
+from typing import Generic, ParamSpec, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.errors import CellError, Failure, FailureKind
 from foldcell.robots.ports import Array, CameraFrame, Intrinsics, Side, frozen
 
 __all__ = [
@@ -24,6 +25,7 @@ __all__ = [
     "CameraCalibration",
     "CameraFrame",
     "Corner",
+    "Failed",
     "Failure",
     "FailureKind",
     "FoldLine",
@@ -39,10 +41,41 @@ __all__ = [
     "Table",
     "ToolPath",
     "frozen",
+    "refuse",
+    "skill",
     "tool_rotation",
 ]
 
+P = ParamSpec("P")
+R = TypeVar("R")
 T = TypeVar("T")
+
+
+class Failed(CellError):
+    """Ends a skill with a failure, wherever in it `Outcome.unwrap` or `refuse` meets the failure (`skill`)."""
+
+    def __init__(self, failure: Failure) -> None:
+        super().__init__(failure.what, failure.hint)
+        self.failure, self.values = failure, dict(failure.values)
+
+
+def refuse(failure: Failure | None) -> None:
+    """End the skill with this failure, if there is one."""
+    if failure is not None:
+        raise Failed(failure)
+
+
+def skill(function: Callable[P, R]) -> Callable[P, R]:
+    """Make a function that returns an Outcome end with the failure that `unwrap` or `refuse` meets within it."""
+
+    @wraps(function)
+    def ended(*args: P.args, **kwargs: P.kwargs) -> R:
+        try:
+            return function(*args, **kwargs)
+        except Failed as end:
+            return Outcome(failure=end.failure)  # type: ignore[return-value]
+
+    return ended
 
 
 @dataclass(frozen=True)
@@ -62,9 +95,9 @@ class Outcome(Generic[T]):
         return self.failure is None
 
     def unwrap(self) -> T:
-        if self.value is None:
-            raise ValueError(f"unwrapped a failure: {self.failure}")
-        return self.value
+        """Return the value. Raises Failed for a failure, with which a `skill` then ends."""
+        refuse(self.failure)
+        return cast(T, self.value)
 
 
 @dataclass(frozen=True)

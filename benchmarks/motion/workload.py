@@ -11,7 +11,7 @@ import numpy as np
 from foldcell.cell.config.garments.garment_file import list_garments, load_garment
 from foldcell.skills.fold_plan.plan import plan_folds
 from foldcell.skills.garments.garment import Garment
-from foldcell.skills.trajectory.plain_arc import plain_paths
+from foldcell.skills.trajectory.search.optimise import plain_paths
 from foldcell.skills.vocabulary import FoldStep, GraspId, ToolPath
 
 __all__ = ["Task", "tasks"]

@@ -27,7 +27,7 @@ from foldcell.cell.hardware.camera import nominal_calibration
 from foldcell.cell.simulation.garment.fabric import garment_uv
 from foldcell.cell.simulation.garment.outline import draw_outline
 from foldcell.cell.simulation.noise import load_noise
-from foldcell.robots.baxter.camera_mount import MOUNT
+from foldcell.robots.baxter.robot import MOUNT
 from foldcell.robots.errors import FailureKind
 from foldcell.robots.ports import Array, CameraFrame
 from foldcell.skills.cloth.mesh import ClothMesh, mesh_from_contour

@@ -12,7 +12,7 @@ from benchmarks.perception.scenes import TABLE, open_studio
 from benchmarks.shipped_settings import PERCEPTION
 from foldcell.cell.hardware.camera import nominal_calibration
 from foldcell.cell.simulation.garment.fabric import garment_uv
-from foldcell.robots.baxter.camera_mount import MOUNT
+from foldcell.robots.baxter.robot import MOUNT
 from foldcell.robots.ports import Array, CameraFrame
 from foldcell.skills.cloth.mesh import mesh_from_contour
 from foldcell.skills.garments.garment import Garment

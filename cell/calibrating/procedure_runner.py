@@ -32,7 +32,7 @@ from foldcell.cell.journal.journal import RunJournal
 from foldcell.robots.errors import DriverError, Failure, FailureKind
 from foldcell.robots.ports import BoardPlace, Side, TactileReading
 from foldcell.skills.grasping.hand_reading import GripCommand
-from foldcell.skills.vocabulary import Outcome
+from foldcell.skills.vocabulary import Outcome, refuse, skill
 
 __all__ = ["STATE", "ProcedureRunner"]
 
@@ -69,6 +69,7 @@ class ProcedureRunner:
     def holds_board(self) -> bool:
         return self._cell is not self._cell_without_board
 
+    @skill
     def run(self, procedure: Procedure[T]) -> Outcome[T]:
         """Run the procedure to its end, or to the first failure that it cannot handle (see ANSWERABLE)."""
         try:
@@ -112,13 +113,12 @@ class ProcedureRunner:
             self._keep(effect.name, effect.picture)
         return Outcome(True)
 
+    @skill
     def _look(self, _: Look) -> Outcome[Sight]:
-        q = settled_joints(self._cell)
-        if q.failure:
-            return Outcome(failure=q.failure)
-        shot = capture(self._cell)
-        return Outcome(failure=shot.failure) if shot.failure else Outcome(Sight(shot.unwrap(), q.unwrap()))
+        q = settled_joints(self._cell).unwrap()
+        return Outcome(Sight(capture(self._cell).unwrap(), q))
 
+    @skill
     def _listen(self, effect: RecordTactile) -> Outcome[Mapping[Side, tuple[TactileReading, ...]]]:
         cell = self._cell
         readings: dict[Side, list[TactileReading]] = {side: [] for side in Side}
@@ -130,16 +130,15 @@ class ProcedureRunner:
                     recorded.append(reading)
             return None
 
-        failure = wait(cell.loop, max(effect.seconds, TICK_S), gather)
-        if failure:
-            return Outcome(failure=failure)
+        refuse(wait(cell.loop, max(effect.seconds, TICK_S), gather))
         return Outcome({side: tuple(recorded) for side, recorded in readings.items()})
 
+    @skill
     def _grip(self, effect: Grip) -> Outcome[bool]:
         cell = self._cell
         cell.hands.command(effect.side, GripCommand(effect.opening, effect.force))
-        failure = wait(cell.loop, GRIP_S)
-        return Outcome(failure=failure) if failure else Outcome(True)
+        refuse(wait(cell.loop, GRIP_S))
+        return Outcome(True)
 
     def _bring(self, effect: Bring) -> Outcome[bool]:
         """Ask the attendant to move the board. Collision checks include the board from before it is put into a

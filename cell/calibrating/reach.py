@@ -28,7 +28,7 @@ from foldcell.skills.motion.validation.collision import (
     TABLE_MARGIN,
     CollisionChecker,
 )
-from foldcell.skills.vocabulary import Outcome
+from foldcell.skills.vocabulary import Outcome, refuse, skill
 
 __all__ = ["holding_board", "reach", "settled_joints", "with_board"]
 
@@ -41,14 +41,12 @@ MAX_POSTURES = 2
 that is found is used."""
 
 
+@skill
 def reach(cell: Workcell, effect: Reach) -> Outcome[Array]:
     """Move the tool to the pose of `effect`, in the nearest arm posture to which a collision-free path is found.
     Returns the joints (joints,) of the goal [rad]."""
-    parked = park_other(cell, effect.side)
-    state = fresh_state(cell.ports, cell.execution)
-    if parked or state.failure:
-        return Outcome(failure=parked or state.failure)
-    q, cut = state.unwrap().q, cell.robot.arm(effect.side)
+    refuse(park_other(cell, effect.side))
+    q, cut = fresh_state(cell.ports, cell.execution).unwrap().q, cell.robot.arm(effect.side)
     seeds = ik.arm_seeds(cell.robot, effect.side, q)
     postures = ik.solve_seeds(cell.robot, effect.side, effect.T_base_tool, seeds)
     failure: Failure | None = None
@@ -64,21 +62,18 @@ def reach(cell: Workcell, effect: Reach) -> Outcome[Array]:
         path = plan_free_motion(cell.robot, cell.checker, q, goal, limits=cell.limits, rng=cell.rng())
         failure = failure or path.failure
         if path.ok:
-            failure = move(cell, path.unwrap())
-            return Outcome(failure=failure) if failure else Outcome(goal)
+            refuse(move(cell, path.unwrap()))
+            return Outcome(goal)
     return Outcome(failure=failure or _unreachable(effect))
 
 
+@skill
 def settled_joints(cell: Workcell) -> Outcome[Array]:
     """Wait until the arms rest, then return the mean of READINGS joint readings (joints,) [rad]."""
-    failure = wait(cell.loop, SETTLE_S, cell.hands.recording())
-    if failure:
-        return Outcome(failure=failure)
+    refuse(wait(cell.loop, SETTLE_S, cell.hands.recording()))
     readings = []
     for _ in range(READINGS):
-        failure = wait(cell.loop, TICK_S)
-        if failure:
-            return Outcome(failure=failure)
+        refuse(wait(cell.loop, TICK_S))
         readings.append(cell.ports.arms.state().q)
     return Outcome(frozen(np.mean(readings, axis=0)))
 

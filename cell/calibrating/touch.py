@@ -21,14 +21,14 @@ from foldcell.skills.grasping.descend import Contact, DescentGoal, start_descent
 from foldcell.skills.grasping.hand_reading import GripCommand, HandReading
 from foldcell.skills.grasping.release import RELEASE_FORCE
 from foldcell.skills.grasping.settings import GraspSettings
-from foldcell.skills.grasping.tare import TactileBias, start_tare, tare
+from foldcell.skills.grasping.tare import TactileBias, TareState, tare
 from foldcell.skills.motion.kinematics import ik
 from foldcell.skills.motion.kinematics.posture import Posture
 from foldcell.skills.motion.moves.free_motion import plan_free_motion
 from foldcell.skills.motion.moves.grasp import Descent, GraspMotion, plan_grasp
 from foldcell.skills.motion.moves.lift import plan_lift
 from foldcell.skills.motion.timing.jerk_limiter import JerkLimiter
-from foldcell.skills.vocabulary import GraspId, Outcome, ToolPath, tool_rotation
+from foldcell.skills.vocabulary import GraspId, Outcome, ToolPath, refuse, skill, tool_rotation
 
 __all__ = ["park_other", "touch_table"]
 
@@ -43,21 +43,15 @@ PRESS_FORCE = 1.5
 HEADINGS = np.deg2rad([0.0, 90.0, -90.0, 45.0, -45.0, 180.0])
 
 
+@skill
 def touch_table(cell: Workcell, effect: Touch) -> Outcome[TouchReadings]:
     """Move over the point, touch the table, press slowly and rise to the start height. The hand also rises after a
     failure, except after a stop."""
     cell.hands.command(effect.side, GripCommand(0.0, RELEASE_FORCE))
-    failure = wait(cell.loop, CLOSING_S, cell.hands.recording())
-    failure = failure or park_other(cell, effect.side)
-    if failure:
-        return Outcome(failure=failure)
-    motion = _plan_descent(cell, effect)
-    if motion.failure:
-        return Outcome(failure=motion.failure)
-    failure = move(cell, motion.unwrap().approach)
-    if failure:
-        return Outcome(failure=failure)
-    pressed = _touch_and_press(cell, effect, motion.unwrap().descend[effect.side])
+    refuse(wait(cell.loop, CLOSING_S, cell.hands.recording()) or park_other(cell, effect.side))
+    motion = _plan_descent(cell, effect).unwrap()
+    refuse(move(cell, motion.approach))
+    pressed = _touch_and_press(cell, effect, motion.descend[effect.side])
     if pressed.failure and pressed.failure.kind is FailureKind.STOPPED:
         return pressed
     failure = _rise(cell, effect.side, ABOVE - _height(cell, effect.side))
@@ -78,13 +72,11 @@ def park_other(cell: Workcell, side: Side) -> Failure | None:
     return path.failure or move(cell, path.unwrap())
 
 
+@skill
 def _plan_descent(cell: Workcell, effect: Touch) -> Outcome[GraspMotion]:
     """Plan a motion to above the point and then straight down, with an upright hand. The first heading and arm
     posture that are free of collision are used."""
-    state = fresh_state(cell.ports, cell.execution)
-    if state.failure:
-        return Outcome(failure=state.failure)
-    q, side = state.unwrap().q, effect.side
+    q, side = fresh_state(cell.ports, cell.execution).unwrap().q, effect.side
     only = GraspId(side.value)
     failure: Failure | None = None
     for heading in HEADINGS:
@@ -117,18 +109,14 @@ def _point(x: float, y: float, heading: float) -> ToolPath:
     return ToolPath(np.array([0.0, 1.0]), np.tile([x, y, 0.0], (2, 1)), np.full(2, heading), zero, zero)
 
 
+@skill
 def _touch_and_press(cell: Workcell, effect: Touch, descent: Descent) -> Outcome[TouchReadings]:
     side, settings = effect.side, cell.grasp
-    biases = each_hand(cell.loop, cell.hands, {side: start_tare(settings)}, lambda _, r, s: tare(r, s))
-    if biases.failure:
-        return Outcome(failure=biases.failure)
-    bias = biases.unwrap()[side]
+    bias = each_hand(cell.loop, cell.hands, {side: TareState(settings)}, lambda _, r, s: tare(r, s)).unwrap()[side]
     first = _descend(cell, side, descent, settings, bias, -effect.search, [])
     if first.failure:
         return Outcome(failure=_explained(cell, first.failure, effect))
-    failure = _rise(cell, side, BACK_OFF)
-    if failure:
-        return Outcome(failure=failure)
+    refuse(_rise(cell, side, BACK_OFF))
     slow = replace(settings, guarded_speed=PRESS_SPEED, approach_speed=PRESS_SPEED, contact_force=PRESS_FORCE)
     readings: list[HandReading] = []
     second = _descend(cell, side, descent, slow, bias, -effect.search, readings)

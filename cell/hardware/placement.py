@@ -28,7 +28,7 @@ from foldcell.skills.motion.moves.fold import plan_hands_motion
 from foldcell.skills.motion.validation.collision import CollisionChecker
 from foldcell.skills.perception.rectification.table_view import TableView
 from foldcell.skills.perception.settings import VIEW_BORDER
-from foldcell.skills.trajectory.plain_arc import plain_paths
+from foldcell.skills.trajectory.search.optimise import plain_paths
 
 __all__ = [
     "PlacedFold", "Pose", "fitting_pose", "fitting_poses", "placed_folds", "pose_that_folds", "refuse_too_large",

@@ -34,9 +34,9 @@ from foldcell.skills.scoring.alignment import FinalGarment
 from foldcell.skills.scoring.score import keypoint_offsets, named_edge_pairs, score
 from foldcell.skills.scoring.verdict import IdealHeights, Score
 from foldcell.skills.trajectory.arcs.paths import lifted, tool_paths
-from foldcell.skills.trajectory.plain_arc import plain_trajectory
 from foldcell.skills.trajectory.search.acceptance import acceptance_limit
 from foldcell.skills.trajectory.search.objective import dissimilarity
+from foldcell.skills.trajectory.search.optimise import plain_trajectory
 from foldcell.skills.trajectory.search.problem import Candidate
 from foldcell.skills.trajectory.trajectory_library import Library
 from foldcell.skills.vocabulary import FoldStep, GarmentState, GraspId, GraspTrajectory, PredictedShape, ToolPath

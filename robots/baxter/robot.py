@@ -13,12 +13,14 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from foldcell.robots.baxter.camera_mount import MOUNT
+import numpy as np
+
 from foldcell.robots.baxter.names import ARM_JOINTS, HEAD_RANGE
 from foldcell.robots.baxter.ros.electric_gripper import FULL_OPENING
+from foldcell.robots.camera_mount import XTION, CameraMount, look_at
 from foldcell.robots.example_data import package_root, read_description
 from foldcell.robots.gripper_geometry import GripperGeometry
-from foldcell.robots.ports import Attendant, Ports, Side, Stop
+from foldcell.robots.ports import Attendant, Ports, Side, Stop, frozen
 from foldcell.robots.ros.driver import CameraTopics, Network, RosDriver, RosSettings
 from foldcell.robots.urdf.build import robot_of
 from foldcell.robots.urdf.description import RGB, Dynamics, RobotDescription
@@ -28,7 +30,7 @@ if TYPE_CHECKING:
     from foldcell.robots.baxter.emulator.emulator import Emulator
     from foldcell.robots.model import JointLimits
 
-__all__ = ["DESCRIPTION", "FLOOR", "GRIPPER", "ROBOT", "load_model"]
+__all__ = ["DESCRIPTION", "EYE", "FLOOR", "GRIPPER", "MOUNT", "ROBOT", "TARGET", "load_model"]
 
 FOLDER = "example-robot-data/robots/baxter_description"
 FLOOR = -0.924
@@ -56,6 +58,27 @@ GRIPPER = GripperGeometry(
     },
 )
 """The electric grippers with tactile pads."""
+
+HEAD_ORIGIN = (0.06, 0.0, 0.686)
+"""Position of the URDF's head_pan joint in the base frame [m]. It rotates about z."""
+
+EYE, TARGET = (0.25, 0.0, 1.00), (0.60, 0.0, -0.10)
+"""Position of the camera, and the point that it looks at, with the head straight ahead. Base frame [m]."""
+
+_T_BASE_HEAD = np.eye(4)
+_T_BASE_HEAD[:3, 3] = HEAD_ORIGIN
+
+MOUNT = CameraMount(
+    intrinsics=XTION,
+    T_head_camera=frozen(np.linalg.inv(_T_BASE_HEAD) @ look_at(EYE, TARGET)),
+    head_joint="head_pan",
+    head_origin=HEAD_ORIGIN,
+)
+"""Mount of the RGB-D camera: a bracket above the head panel, which turns with the head.
+
+The bracket holds the camera in front of the panel's upper edge, which reaches x = 0.216, z = 0.765 in the base
+frame. If the camera were further back, the panel would hide the near half of the table.
+"""
 
 RED, DARK, BLACK, GREY = (176, 32, 36), (88, 91, 97), (58, 60, 65), (165, 168, 173)
 """Colours of Baxter's plastics (sRGB). The colours in the files would look nearly black in a viewer."""

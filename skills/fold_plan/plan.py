@@ -23,6 +23,8 @@ from foldcell.skills.vocabulary import (
     GraspId,
     Outcome,
     frozen,
+    refuse,
+    skill,
 )
 
 __all__ = ["LEAST_FLAP", "RELEASE_CLEARANCE", "plan_folds", "rigid_motion", "translate_plan", "ways_to_fold"]
@@ -43,6 +45,7 @@ IN_LINE = 0.5
 """Two grasps are in line along x when they differ in y by less than this share of their distance."""
 
 
+@skill
 def plan_folds(
     state: GarmentState,
     garment: Garment,
@@ -60,19 +63,22 @@ def plan_folds(
     missing or do not span the fold line, or when the line does not divide the garment that the earlier folds
     leave. Raises ValueError for an unknown variant.
     """
-    failure = _mismatch(state, garment)
-    if failure is not None:
-        return Outcome(failure=failure)
+    refuse(_mismatch(state, garment))
     lines: list[FoldLine] = []
     steps: list[FoldStep] = []
     for index, step in enumerate(garment.plan):
         variant = _variant(step, (variants or {}).get(step.name))
         line = _fold_line(step, variant, state.keypoints)
         if line is None:
-            return Outcome(failure=_degenerate(step))
-        missed = _missed(step, line, lines, state.keypoints, garment)
-        if missed is not None:
-            return Outcome(failure=missed)
+            return Outcome(
+                failure=Failure(
+                    FailureKind.LOW_CONFIDENCE,
+                    f"the key points leave no fold line for step {step.name}",
+                    "look again; smooth the garment if this repeats",
+                    {"step": step.name},
+                )
+            )
+        refuse(_missed(step, line, lines, state.keypoints, garment))
         earlier = tuple(lines)
         steps.append(_fold_step(step, variant, index, line, earlier, state, garment, pads or PadGeometry()))
         lines.append(line)
@@ -139,15 +145,6 @@ def _mismatch(state: GarmentState, garment: Garment) -> Failure | None:
             {"missing": missing},
         )
     return None
-
-
-def _degenerate(step: PlanStep) -> Failure:
-    return Failure(
-        FailureKind.LOW_CONFIDENCE,
-        f"the key points leave no fold line for step {step.name}",
-        "look again; smooth the garment if this repeats",
-        {"step": step.name},
-    )
 
 
 def _missed(

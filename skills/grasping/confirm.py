@@ -17,7 +17,7 @@ from foldcell.skills.grasping.hand_reading import HandReading, validate_reading
 from foldcell.skills.grasping.live_pads import dead_pad
 from foldcell.skills.grasping.settings import GraspSettings
 from foldcell.skills.grasping.tare import TactileBias
-from foldcell.skills.vocabulary import Array, Failure, FailureKind, Outcome
+from foldcell.skills.vocabulary import Array, Failure, FailureKind, Outcome, refuse, skill
 
 __all__ = [
     "Confirmation",
@@ -28,8 +28,6 @@ __all__ = [
     "check_lift",
     "confirm",
     "count_layers",
-    "start_confirm",
-    "start_lift_check",
 ]
 
 CONFIRM_READINGS = 15
@@ -105,24 +103,19 @@ class Confirmation:
     openings: tuple[float, ...] = ()
 
 
-def start_confirm(settings: GraspSettings, bias: TactileBias, expected: Expectation) -> Confirmation:
-    return Confirmation(settings, bias, expected)
-
-
+@skill
 def confirm(reading: HandReading, state: Confirmation) -> Confirmation | Outcome[Held]:
     """Process the reading of one tick. The result follows after `CONFIRM_READINGS` readings.
 
     Failures: MISSED_GRASP (nothing held, or clearly fewer layers than planned), MISSED_LAYER (clearly more layers
     than planned), TACTILE_FAULT (a pad's readings are constant), those of `validate_reading`.
     """
-    invalid = validate_reading(reading)
-    if invalid:
-        return Outcome(failure=invalid)
+    refuse(validate_reading(reading))
     after = _with(reading, state)
     if after is state or len(after.pads) < CONFIRM_READINGS:
         return after
-    dead = dead_pad(reading.tactile.side, np.array(after.pads), after.settings)
-    return Outcome(failure=dead) if dead else _evaluate(reading, after)
+    refuse(dead_pad(reading.tactile.side, np.array(after.pads), after.settings))
+    return _evaluate(reading, after)
 
 
 def count_layers(opening: float, sigma: float, thickness: float, settings: GraspSettings) -> LayerCount:
@@ -188,20 +181,14 @@ class LiftCheck:
 Readings = TypeVar("Readings", Confirmation, LiftCheck)
 
 
-def start_lift_check(settings: GraspSettings, bias: TactileBias, held: Held) -> LiftCheck:
-    """Start the check. held: the result of `confirm` before the lift."""
-    return LiftCheck(settings, bias, held)
-
-
+@skill
 def check_lift(reading: HandReading, state: LiftCheck) -> LiftCheck | Outcome[Held]:
     """Process the reading of one tick, with the hand at rest above the table.
 
     Failures: MISSED_GRASP when force or opening has dropped, those of `validate_reading`.
     """
     s = state.settings
-    invalid = validate_reading(reading)
-    if invalid:
-        return Outcome(failure=invalid)
+    refuse(validate_reading(reading))
     after = _with(reading, state)
     if after is state or len(after.pads) < CONFIRM_READINGS:
         return after

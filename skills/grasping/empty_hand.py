@@ -19,7 +19,7 @@ from foldcell.skills.grasping.settings import GraspSettings
 from foldcell.skills.grasping.tare import TactileBias
 from foldcell.skills.vocabulary import Failure, FailureKind, Outcome
 
-__all__ = ["NARROW", "Emptied", "EmptyCheck", "check_empty", "start_empty_check"]
+__all__ = ["NARROW", "Emptied", "EmptyCheck", "check_empty"]
 
 MET_READINGS = 5
 """Number of readings of the opening that are averaged."""
@@ -73,12 +73,6 @@ class EmptyCheck:
     def begun(self) -> bool:
         """Whether the hand has begun to close."""
         return self.phase is not _Phase.RISING
-
-
-def start_empty_check(
-    settings: GraspSettings, bias: TactileBias, layer: float, above: float, opening: float
-) -> EmptyCheck:
-    return EmptyCheck(settings, bias, layer, above, opening)
 
 
 def check_empty(

@@ -12,7 +12,7 @@ import numpy as np
 
 from foldcell.robots.ports import Side
 from foldcell.skills.grasping.settings import GraspSettings
-from foldcell.skills.vocabulary import Array, Failure, FailureKind
+from foldcell.skills.vocabulary import Array, Failed, Failure, FailureKind
 
 __all__ = ["ConstantPads", "dead_pad", "watch_pads"]
 
@@ -45,9 +45,9 @@ class ConstantPads:
     counts: tuple[int, ...] = (0, 0)
 
 
-def watch_pads(side: Side, forces: Array, state: ConstantPads, settings: GraspSettings) -> ConstantPads | Failure:
-    """Process the forces (2,) of one reading on both pads [N]. Returns TACTILE_FAULT once a pad has given the same
-    force in `LIVE_READINGS` readings."""
+def watch_pads(side: Side, forces: Array, state: ConstantPads, settings: GraspSettings) -> ConstantPads:
+    """Process the forces (2,) of one reading on both pads [N]. Raises Failed (TACTILE_FAULT) once a pad has given
+    the same force in `LIVE_READINGS` readings."""
     now = tuple(forces.tolist())
     if not state.forces:
         return replace(state, forces=now)
@@ -56,7 +56,7 @@ def watch_pads(side: Side, forces: Array, state: ConstantPads, settings: GraspSe
     worst = max(counts)
     if worst >= LIVE_READINGS:
         dead = counts.index(worst)
-        return _failure(side, dead, "pad", now[dead], worst, settings)
+        raise Failed(_failure(side, dead, "pad", now[dead], worst, settings))
     return ConstantPads(now, counts)
 
 

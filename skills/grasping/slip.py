@@ -20,7 +20,7 @@ from foldcell.skills.grasping.hand_reading import HandReading, validate_reading
 from foldcell.skills.grasping.live_pads import ConstantPads, watch_pads
 from foldcell.skills.grasping.settings import GraspSettings
 from foldcell.skills.grasping.tare import TactileBias
-from foldcell.skills.vocabulary import Failure, FailureKind, Outcome
+from foldcell.skills.vocabulary import Failure, FailureKind, Outcome, refuse, skill
 
 __all__ = ["Channel", "SlipWatch", "start_slip_watch", "watch_slip"]
 
@@ -98,19 +98,16 @@ def start_slip_watch(settings: GraspSettings, bias: TactileBias, held: Held) -> 
     )
 
 
+@skill
 def watch_slip(reading: HandReading, state: SlipWatch) -> SlipWatch | Outcome[SlipWatch]:
     """Process the reading of one tick. The detection ends only with a failure: SLIPPED, TACTILE_FAULT (a pad's
     readings are constant, so that it would not show a slip), or those of `validate_reading`."""
-    invalid = validate_reading(reading)
-    if invalid:
-        return Outcome(failure=invalid)
+    refuse(validate_reading(reading))
     if reading.tactile.stamp <= state.stamp:
         return state
     s, now = state.settings, reading.tactile.stamp
     forces = state.bias.pads(reading)
     constant = watch_pads(reading.tactile.side, forces, state.constant, s)
-    if isinstance(constant, Failure):
-        return Outcome(failure=constant)
     grip, opening = _update_channel(state.grip, float(forces.min()), now), state.opening
     if reading.gripper.stamp > state.gripper_stamp:  # a repeated report is not counted
         opening = _update_channel(opening, reading.gripper.opening - s.empty_opening, now)

@@ -16,9 +16,9 @@ import numpy as np
 from foldcell.skills.grasping.hand_reading import HandReading, validate_reading
 from foldcell.skills.grasping.settings import GraspSettings
 from foldcell.skills.grasping.tare import TARE_READINGS, TactileBias
-from foldcell.skills.vocabulary import Array, Failure, FailureKind, Outcome
+from foldcell.skills.vocabulary import Array, Failure, FailureKind, Outcome, refuse, skill
 
-__all__ = ["Clear", "DragWatch", "StuckCheck", "check_stuck", "start_stuck_check", "watch_drag"]
+__all__ = ["Clear", "DragWatch", "StuckCheck", "check_stuck", "watch_drag"]
 
 STUCK_READINGS = 20
 """Number of readings that are averaged for the check."""
@@ -46,25 +46,21 @@ class Clear:
 
 @dataclass(frozen=True, eq=False)
 class StuckCheck:
+    """State of the check. bias: the tactile bias that was measured before the grasp."""
+
     settings: GraspSettings
     bias: TactileBias
     stamp: float = -np.inf
     pads: tuple[Array, ...] = ()
 
 
-def start_stuck_check(settings: GraspSettings, bias: TactileBias) -> StuckCheck:
-    """Start the check. bias: the tactile bias that was measured before the grasp."""
-    return StuckCheck(settings, bias)
-
-
+@skill
 def check_stuck(reading: HandReading, state: StuckCheck) -> StuckCheck | Outcome[Clear]:
     """Process the reading of one tick, with the hand open and clear of the stack.
 
     Failures: STUCK_ON_FINGER, those of `validate_reading`.
     """
-    invalid = validate_reading(reading)
-    if invalid:
-        return Outcome(failure=invalid)
+    refuse(validate_reading(reading))
     state = _with(reading, state)
     if len(state.pads) < STUCK_READINGS:
         return state

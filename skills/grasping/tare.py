@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from foldcell.skills.grasping.hand_reading import HandReading, validate_reading
 from foldcell.skills.grasping.live_pads import dead_pad
 from foldcell.skills.grasping.settings import GraspSettings
-from foldcell.skills.vocabulary import Array, Outcome, frozen
+from foldcell.skills.vocabulary import Array, Outcome, frozen, refuse, skill
 
-__all__ = ["TactileBias", "TareState", "start_tare", "tare"]
+__all__ = ["TactileBias", "TareState", "tare"]
 
 TARE_READINGS = 12
 """Number of tactile readings averaged into the bias."""
@@ -64,10 +64,7 @@ class TareState:
     """Number of outliers rejected so far."""
 
 
-def start_tare(settings: GraspSettings) -> TareState:
-    return TareState(settings)
-
-
+@skill
 def tare(reading: HandReading, state: TareState) -> TareState | Outcome[TactileBias]:
     """Process the reading of one tick, with the pads open and unloaded.
 
@@ -75,9 +72,7 @@ def tare(reading: HandReading, state: TareState) -> TareState | Outcome[TactileB
 
     Failures: TACTILE_FAULT for a pad or a fingertip whose readings are constant, those of `validate_reading`.
     """
-    invalid = validate_reading(reading)
-    if invalid:
-        return Outcome(failure=invalid)
+    refuse(validate_reading(reading))
     if reading.tactile.stamp <= state.stamp:
         return state
     cells, tips = (*state.cells, reading.tactile.cells), (*state.tips, reading.tactile.tip)
@@ -85,9 +80,7 @@ def tare(reading: HandReading, state: TareState) -> TareState | Outcome[TactileB
     if len(cells) < required:
         return replace(state, stamp=reading.tactile.stamp, cells=cells, tips=tips)
     stack, side = np.array(cells), reading.tactile.side
-    dead = dead_pad(side, stack, state.settings) or dead_pad(side, np.array(tips), state.settings, "fingertip")
-    if dead:
-        return Outcome(failure=dead)
+    refuse(dead_pad(side, stack, state.settings) or dead_pad(side, np.array(tips), state.settings, "fingertip"))
     inliers = ~(_is_outlier(stack) | _is_outlier(np.array(tips)))
     outliers = state.outliers + int(np.count_nonzero(~inliers))
     if not inliers.all() and outliers <= required:

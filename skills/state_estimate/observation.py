@@ -12,7 +12,7 @@ from foldcell.skills.perception.rectification.table_view import TableView
 from foldcell.skills.perception.settings import PerceptionSettings
 from foldcell.skills.perception.silhouette import find_silhouette
 from foldcell.skills.perception.views import open_views
-from foldcell.skills.vocabulary import CameraCalibration, CameraFrame, Outcome, Table
+from foldcell.skills.vocabulary import CameraCalibration, CameraFrame, Outcome, Table, skill
 
 __all__ = ["Observation", "observe"]
 
@@ -29,6 +29,7 @@ class Observation:
     rgb: NDArray[np.uint8]
 
 
+@skill
 def observe(
     frame: CameraFrame,
     calibration: CameraCalibration,
@@ -43,14 +44,8 @@ def observe(
 
     Failures: CAMERA_FAULT, VIEW_OBSTRUCTED, NO_GARMENT or OUT_OF_VIEW.
     """
-    opened = open_views(frame, calibration, table, reference, previous, settings)
-    if opened.failure is not None:
-        return Outcome(failure=opened.failure)
-    views = opened.unwrap()
-    silhouette = find_silhouette(views, settings)
-    if silhouette.failure is not None:
-        return Outcome(failure=silhouette.failure)
-    found = silhouette.unwrap()
+    views = open_views(frame, calibration, table, reference, previous, settings).unwrap()
+    found = find_silhouette(views, settings).unwrap()
     contour = frozen(views.view.to_table(found.contour))
     return Outcome(
         Observation(views.view, frozen(found.mask), frozen(views.height), contour, frozen(views.seen.rgb))

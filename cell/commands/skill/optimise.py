@@ -16,7 +16,7 @@ from foldcell.cell.planning.plan_optimisation import StepOptimisation, check_ste
 from foldcell.cell.support.files.whole_file import refuse_foreign, write_whole
 from foldcell.robots.errors import ConfigurationError
 from foldcell.robots.ports import Array
-from foldcell.skills.trajectory.export.tool_poses import MARKS, pose_rows, tool_poses_text
+from foldcell.skills.trajectory.export import MARKS, pose_rows, tool_poses_text
 from foldcell.skills.vocabulary import FoldStep
 
 

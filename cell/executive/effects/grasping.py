@@ -27,11 +27,11 @@ from foldcell.robots.errors import Failure
 from foldcell.robots.ports import JointState, Side
 from foldcell.skills.garments.garment import Garment
 from foldcell.skills.grasping.close import close, start_close
-from foldcell.skills.grasping.confirm import Expectation, Held, confirm, start_confirm
+from foldcell.skills.grasping.confirm import Confirmation, Expectation, Held, confirm
 from foldcell.skills.grasping.descend import Contact, DescentGoal, start_descent, yielding
 from foldcell.skills.grasping.settings import GraspSettings
 from foldcell.skills.grasping.standing import lower_tip, standing_height, to_stand_at
-from foldcell.skills.grasping.tare import TactileBias, start_tare, tare
+from foldcell.skills.grasping.tare import TactileBias, TareState, tare
 from foldcell.skills.motion.kinematics.posture import Posture
 from foldcell.skills.vocabulary import Grasp, Outcome
 
@@ -70,7 +70,7 @@ def grasp(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt) -> 
     """Descend until the tips touch, push them into the stack, close the pads, and check how much they hold."""
     fold = context.fold
     settings = grip_settings(cell, fold)
-    tares = {s: start_tare(settings) for s in attempt.motion.descend}
+    tares = {s: TareState(settings) for s in attempt.motion.descend}
     biases = context.need(each_hand(cell.loop, cell.hands, tares, lambda side, r, s: tare(r, s)))
     fold = replace(fold, biases=biases, touched=True)
     context = replace(context, fold=fold)
@@ -246,7 +246,7 @@ def _close_and_confirm(
     closed = each_hand(cell.loop, hands, states, commanding(hands, close))
     if closed.failure:
         return Outcome(failure=closed.failure)
-    confirmations = {s: start_confirm(settings, bias, expected[s]) for s, bias in biases.items()}
+    confirmations = {s: Confirmation(settings, bias, expected[s]) for s, bias in biases.items()}
     return each_hand(cell.loop, hands, confirmations, lambda side, r, s: confirm(r, s))
 
 

@@ -9,7 +9,7 @@ from foldcell.cell.executive.effects.checked_motion import as_failure, move, pau
 from foldcell.cell.hardware.workcell import Workcell
 from foldcell.cell.states.run_context import Result, RunContext, effect
 from foldcell.cell.states.transition_table import Event
-from foldcell.skills.grasping.confirm import check_lift, start_lift_check
+from foldcell.skills.grasping.confirm import LiftCheck, check_lift
 from foldcell.skills.motion.moves.lift import plan_lift
 
 __all__ = ["lift"]
@@ -35,6 +35,6 @@ def lift(cell: Workcell, context: RunContext) -> Result:
     failure = up.failure or as_failure(lambda: move(cell, up.unwrap(), fingertips=True, control=control))
     context = with_waiting_time(context, control)
     context.require(failure)
-    checks = {s: start_lift_check(cell.grasp, fold.biases[s], held) for s, held in fold.held.items()}
+    checks = {s: LiftCheck(cell.grasp, fold.biases[s], held) for s, held in fold.held.items()}
     held = context.need(each_hand(cell.loop, cell.hands, checks, lambda side, r, s: check_lift(r, s)))
     return Result(Event.DONE, replace(context, fold=replace(context.fold, held=held)))

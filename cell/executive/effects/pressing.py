@@ -22,7 +22,7 @@ from foldcell.skills.fold_plan.folding import layers_at, outline_of, target_vert
 from foldcell.skills.fold_plan.pressing import OPENING, Dab, crease_dabs, press_paths, within_reach, within_time
 from foldcell.skills.grasping.hand_reading import GripCommand
 from foldcell.skills.grasping.release import RELEASE_FORCE
-from foldcell.skills.grasping.tare import TactileBias, start_tare, tare
+from foldcell.skills.grasping.tare import TactileBias, TareState, tare
 from foldcell.skills.motion.moves.arc import plan_arc
 from foldcell.skills.motion.moves.fold import FoldMotion, plan_hands_motion
 from foldcell.skills.perception.inspection.diagnosis import lasting_defect
@@ -83,7 +83,7 @@ def press(cell: Workcell, context: RunContext, attempt: Attempt, plan: PressPlan
     failure = move(cell, motion.approach, control=control)
     context = with_waiting_time(context, control)
     context.require(failure)
-    tares = {s: start_tare(cell.grasp) for s in motion.postures}
+    tares = {s: TareState(cell.grasp) for s in motion.postures}
     biases = context.need(each_hand(cell.loop, cell.hands, tares, lambda side, r, s: tare(r, s)))
     arc = context.need(
         plan_arc(

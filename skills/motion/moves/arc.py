@@ -14,13 +14,16 @@ from foldcell.robots.ports import ArmTrajectory, Array, Side, frozen
 from foldcell.skills.motion.kinematics import ik
 from foldcell.skills.motion.kinematics.posture import Posture, angles_of, blended, in_base
 from foldcell.skills.motion.moves.retreat import Retreat, plan_retreat
-from foldcell.skills.motion.timing.inputs import TimingError
 from foldcell.skills.motion.timing.timing import time_law
 from foldcell.skills.motion.validation.collision import CollisionChecker
-from foldcell.skills.motion.validation.failures import out_of_reach
-from foldcell.skills.motion.validation.inputs import validate_paths, validate_state, validate_tool_speed
+from foldcell.skills.motion.validation.failures import (
+    out_of_reach,
+    validate_paths,
+    validate_state,
+    validate_tool_speed,
+)
 from foldcell.skills.motion.validation.trajectory_check import check_trajectory
-from foldcell.skills.vocabulary import GraspId, Outcome, Table, ToolPath
+from foldcell.skills.vocabulary import GraspId, Outcome, Table, ToolPath, refuse, skill
 
 __all__ = ["ArcMotion", "intended_duration", "plan_arc"]
 
@@ -37,6 +40,7 @@ class ArcMotion(Retreat):
     tool_paths: Mapping[Side, ToolPath]
 
 
+@skill
 def plan_arc(
     model: RobotModel,
     checker: CollisionChecker,
@@ -57,9 +61,7 @@ def plan_arc(
     would take too long), UNREACHABLE, those of `check_trajectory` and `plan_retreat`.
     """
     limits = limits or model.planning
-    invalid = validate_state(model, q_grasp) or validate_paths(paths) or validate_tool_speed(tool_speed)
-    if invalid:
-        return Outcome(failure=invalid)
+    refuse(validate_state(model, q_grasp) or validate_paths(paths) or validate_tool_speed(tool_speed))
     times = _sample_times(paths)
     q = np.tile(q_grasp, (len(times), 1))
     for side, posture in postures.items():
@@ -69,18 +71,11 @@ def plan_arc(
         if len(found) < len(position):
             return Outcome(failure=out_of_reach(table, side, "the arc", position[len(found)]))
         q[:, model.arm(side)] = found
-    try:
-        fold = time_law(q, times * _speed_stretch(paths, times, tool_speed), limits)
-    except TimingError as e:
-        return Outcome(failure=e.failure())
-    checked = check_trajectory(model, checker, fold, q_grasp, limits, allow_fingertips=True)
-    if checked.failure:
-        return Outcome(failure=checked.failure)
-    retreat = plan_retreat(model, checker, fold.q[-1], tuple(postures), limits=limits, rng=rng)
-    if retreat.failure:
-        return Outcome(failure=retreat.failure)
+    fold = time_law(q, times * _speed_stretch(paths, times, tool_speed), limits)
+    check_trajectory(model, checker, fold, q_grasp, limits, allow_fingertips=True).unwrap()
+    retreat = plan_retreat(model, checker, fold.q[-1], tuple(postures), limits=limits, rng=rng).unwrap()
     executed = {side: _resulting_path(model, table, side, fold) for side in postures}
-    return Outcome(ArcMotion(**vars(retreat.unwrap()), fold=fold, tool_paths=executed))
+    return Outcome(ArcMotion(**vars(retreat), fold=fold, tool_paths=executed))
 
 
 def intended_duration(paths: Mapping[GraspId, ToolPath], tool_speed: float | None) -> float:

@@ -7,30 +7,29 @@ a grasp is tried again at another place, `grasp.plan_grasp` is called again.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from foldcell.robots.errors import Failure
 from foldcell.robots.model import JointLimits, RobotModel
-from foldcell.robots.ports import Array, Side
+from foldcell.robots.ports import Array, Side, frozen
 from foldcell.skills.motion.kinematics.posture import Posture
 from foldcell.skills.motion.moves.arc import ArcMotion, intended_duration, plan_arc
 from foldcell.skills.motion.moves.grasp import APPROACH_HEIGHT, GraspMotion, plan_grasp
 from foldcell.skills.motion.moves.lift import plan_lift
 from foldcell.skills.motion.moves.posture_search import PostureChoice, rank_postures
 from foldcell.skills.motion.moves.retreat import RETREAT_HEIGHT
-from foldcell.skills.motion.moves.suggested_shift import with_shift_suggestion
 from foldcell.skills.motion.validation.collision import CollisionChecker
-from foldcell.skills.motion.validation.inputs import (
+from foldcell.skills.motion.validation.failures import (
     validate_height,
     validate_paths,
     validate_state,
     validate_tool_speed,
 )
-from foldcell.skills.vocabulary import GraspId, Outcome, Table, ToolPath
+from foldcell.skills.vocabulary import GraspId, Outcome, Table, ToolPath, refuse, skill
 
 __all__ = ["FoldMotion", "plan_hands_motion"]
 
@@ -39,6 +38,8 @@ MAX_STRETCH = 1.3
 SEARCHES = 2
 """Maximum number of posture searches. A search is coarse, so the detailed planning can reject all its choices.
 Then a second search looks for others."""
+SHIFTS = (0.06, 0.15)
+"""Lengths of the shifts that are tried in turn, each along x and along y, towards the table's middle [m]."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -53,6 +54,7 @@ class FoldMotion(GraspMotion, ArcMotion):
         return sum(part.duration for part in (self.approach, self.fold, self.retreat, self.park))
 
 
+@skill
 def plan_hands_motion(
     model: RobotModel,
     checker: CollisionChecker,
@@ -81,15 +83,13 @@ def plan_hands_motion(
     UNREACHABLE, IN_COLLISION (with the binding constraint, and a shift of the garment if one helps),
     LIMIT_EXCEEDED, STALE_STATE (q_now is not a valid state).
     """
-    invalid = (
+    refuse(
         validate_state(model, q_now)
         or validate_paths(paths)
         or validate_tool_speed(tool_speed)
         or validate_height(approach_height)
         or validate_height(lift)
     )
-    if invalid:
-        return Outcome(failure=invalid)
     plan = partial(
         _plan_with, model, checker, table, paths, q_now, limits=limits, tool_speed=tool_speed,
         approach_height=approach_height, lift=lift, rng=rng,
@@ -115,7 +115,7 @@ def plan_hands_motion(
     assert failure is not None
     if first_failure or avoid:  # With `avoid`, a recovery wants other postures, not a shift of the garment.
         return Outcome(failure=failure)
-    with_suggestion = with_shift_suggestion(
+    with_suggestion = _with_shift_suggestion(
         model, checker, table, paths, q_now, failure, above=above, below=RETREAT_HEIGHT
     )
     return Outcome(failure=with_suggestion)
@@ -138,6 +138,7 @@ def _best_motion(
     return best, failure
 
 
+@skill
 def _plan_with(
     model: RobotModel,
     checker: CollisionChecker,
@@ -156,19 +157,59 @@ def _plan_with(
     grasp = plan_grasp(
         model, checker, table, paths, choice.postures, q_now, limits=limits,
         approach_height=approach_height, rng=rng, q_hint={side: q[0] for side, q in choice.q.items()},
-    )  # fmt: skip
-    if grasp.failure:
-        return Outcome(failure=grasp.failure)
-    q_fold = grasp.unwrap().q_grasp
+    ).unwrap()  # fmt: skip
+    q_fold = grasp.q_grasp
     if lift > 0.0:
-        lift_motion = plan_lift(model, checker, q_fold, tuple(choice.postures), lift, limits=limits)
-        if lift_motion.failure:
-            return Outcome(failure=lift_motion.failure)
-        q_fold = lift_motion.unwrap().q[-1]
+        q_fold = plan_lift(model, checker, q_fold, tuple(choice.postures), lift, limits=limits).unwrap().q[-1]
     arc = plan_arc(
         model, checker, table, paths, choice.postures, q_fold,
         limits=limits, tool_speed=tool_speed, rng=rng,
-    )  # fmt: skip
-    if arc.failure:
-        return Outcome(failure=arc.failure)
-    return Outcome(FoldMotion(postures=choice.postures, **vars(grasp.unwrap()), **vars(arc.unwrap())))
+    ).unwrap()  # fmt: skip
+    return Outcome(FoldMotion(postures=choice.postures, **vars(grasp), **vars(arc)))
+
+
+def _with_shift_suggestion(
+    model: RobotModel,
+    checker: CollisionChecker,
+    table: Table,
+    paths: Mapping[GraspId, ToolPath],
+    q_now: Array,
+    failure: Failure,
+    *,
+    above: float,
+    below: float,
+) -> Failure:
+    """Return the same failure, with a shift of the garment that makes the fold feasible, if one of SHIFTS does.
+
+    The hint describes the shift. values["shift_m"]: (2,) in the table frame, None when no shift helps. The search
+    takes up to four posture searches. If the arms block each other, no shift is tried, because they would block
+    each other wherever the garment lies.
+    """
+    if failure.values.get("binding", {}).get("constraint") == "arms":
+        return failure
+    for shift in _candidate_shifts(table, paths, failure):
+        moved = {i: replace(p, position=frozen(p.position + np.append(shift, 0.0))) for i, p in paths.items()}
+        if rank_postures(model, checker, table, moved, q_now, above=above, below=below).ok:
+            values = {**failure.values, "shift_m": shift.tolist()}
+            return replace(failure, hint=f"lay the garment {_describe(shift)}", values=values)
+    none_helps = f"no shift of up to {max(SHIFTS) * 1e3:.0f} mm towards the table's middle would help"
+    return replace(failure, hint=f"{failure.hint}; {none_helps}", values={**failure.values, "shift_m": None})
+
+
+def _candidate_shifts(table: Table, paths: Mapping[GraspId, ToolPath], failure: Failure) -> Iterator[Array]:
+    """Yield shifts (2,) [m] that move the place which no arm reached towards the table's middle. If the failure
+    states no such place, the shifts move the middle of the tool paths."""
+    place = failure.values.get("binding", {}).get("where_m", [])[:2]
+    if not place:
+        place = np.mean([p.position[:, :2].mean(axis=0) for p in paths.values()], axis=0)
+    gap = np.array([sum(table.x) / 2, sum(table.y) / 2]) - place
+    for size in SHIFTS:
+        for axis in np.argsort(-np.abs(gap)):
+            yield size * (1.0 if gap[axis] >= 0.0 else -1.0) * np.eye(2)[axis]
+
+
+def _describe(shift: Array) -> str:
+    length = f"{np.abs(shift).max() * 1e3:.0f} mm"
+    if shift[0]:
+        return f"{length} {'further from' if shift[0] > 0 else 'nearer to'} the robot"
+    return f"{length} to the robot's {'left' if shift[1] > 0 else 'right'}"

@@ -11,12 +11,11 @@ import numpy as np
 from foldcell.robots.model import JointLimits, RobotModel
 from foldcell.robots.ports import ArmTrajectory, Array
 from foldcell.skills.motion.moves.rrt_connect import blend_corners, candidate_paths, check_endpoints, no_path_found
-from foldcell.skills.motion.timing.inputs import TimingError
 from foldcell.skills.motion.timing.timing import free_motion, join, time_path
 from foldcell.skills.motion.validation.collision import CollisionChecker
-from foldcell.skills.motion.validation.inputs import validate_goal, validate_state
+from foldcell.skills.motion.validation.failures import validate_goal, validate_state
 from foldcell.skills.motion.validation.trajectory_check import contact_along
-from foldcell.skills.vocabulary import Outcome
+from foldcell.skills.vocabulary import Outcome, refuse, skill
 
 __all__ = ["plan_free_motion"]
 
@@ -24,6 +23,7 @@ CORNERS = (0.48, 0.3, 0.15)
 """The blend at a way-point replaces this share of each adjoining segment. The values are tried in turn."""
 
 
+@skill
 def plan_free_motion(
     model: RobotModel,
     checker: CollisionChecker,
@@ -42,21 +42,13 @@ def plan_free_motion(
     long), IN_COLLISION (q0 or q1 is in collision, or no path was found).
     """
     limits = limits or model.planning
-    invalid = validate_state(model, q0) or validate_goal(model, q1, q0)
-    if invalid:
-        return Outcome(failure=invalid)
-    blocked = check_endpoints(checker, q0, q1)
-    if blocked:
-        return Outcome(failure=blocked)
+    refuse(validate_state(model, q0) or validate_goal(model, q1, q0) or check_endpoints(checker, q0, q1))
     contact = None
     for method, points in candidate_paths(model, checker, q0, q1, rng):
-        try:
-            for motion in _time_parameterized(points, limits):
-                contact = contact_along(checker, motion)
-                if contact is None:
-                    return Outcome(motion, notes={"way": method})
-        except TimingError as e:
-            return Outcome(failure=e.failure())
+        for motion in _time_parameterized(points, limits):
+            contact = contact_along(checker, motion)
+            if contact is None:
+                return Outcome(motion, notes={"way": method})
     return Outcome(failure=no_path_found(contact))
 
 

@@ -13,9 +13,14 @@ from foldcell.skills.motion.kinematics import ik
 from foldcell.skills.motion.kinematics.posture import Posture, in_base
 from foldcell.skills.motion.moves.free_motion import plan_free_motion
 from foldcell.skills.motion.validation.collision import CollisionChecker
-from foldcell.skills.motion.validation.failures import out_of_reach, too_near
-from foldcell.skills.motion.validation.inputs import validate_height, validate_paths, validate_state
-from foldcell.skills.vocabulary import GraspId, Outcome, Table, ToolPath
+from foldcell.skills.motion.validation.failures import (
+    out_of_reach,
+    too_near,
+    validate_height,
+    validate_paths,
+    validate_state,
+)
+from foldcell.skills.vocabulary import Failed, GraspId, Outcome, Table, ToolPath, refuse, skill
 
 __all__ = ["APPROACH_HEIGHT", "Descent", "GraspMotion", "plan_grasp"]
 
@@ -66,6 +71,7 @@ class GraspMotion:
         return frozen(q)
 
 
+@skill
 def plan_grasp(
     model: RobotModel,
     checker: CollisionChecker,
@@ -88,32 +94,25 @@ def plan_grasp(
     UNREACHABLE, IN_COLLISION, those of `plan_free_motion`.
     """
     limits = limits or model.planning
-    invalid = (
+    refuse(
         validate_state(model, q_now)
         or validate_paths(paths)
         or validate_height(approach_height)
         or validate_height(overtravel)
     )
-    if invalid:
-        return Outcome(failure=invalid)
     q_above = np.array(q_now)
     descend: dict[Side, Descent] = {}
     for side, posture in postures.items():
         seed = q_hint[side] if q_hint else q_now[model.arm(side)]
-        descent = _plan_descent(
+        descend[side] = _plan_descent(
             model, table, side, posture, paths[posture.path], seed, approach_height, overtravel
         )
-        if descent.failure:
-            return Outcome(failure=descent.failure)
-        descend[side] = descent.unwrap()
         q_above[model.arm(side)] = descend[side].q[0]
     contact = checker.first_collision(_simultaneous_descents(q_above, descend), allow_fingertips=True)
     if contact is not None:
         return Outcome(failure=too_near("the descent", str(contact)))
-    approach = plan_free_motion(model, checker, q_now, q_above, limits=limits, rng=rng)
-    if approach.failure:
-        return Outcome(failure=approach.failure)
-    return Outcome(GraspMotion(approach.unwrap(), descend))
+    approach = plan_free_motion(model, checker, q_now, q_above, limits=limits, rng=rng).unwrap()
+    return Outcome(GraspMotion(approach, descend))
 
 
 def _plan_descent(
@@ -125,7 +124,8 @@ def _plan_descent(
     seed: Array,
     above: float,
     overtravel: float,
-) -> Outcome[Descent]:
+) -> Descent:
+    """Plan the descent of one arm. Raises Failed: UNREACHABLE."""
     to_grasp = np.linspace(0.0, above, int(np.ceil(above / STEP)) + 1)
     beyond = np.linspace(0.0, overtravel, int(np.ceil(overtravel / STEP)) + 1)
     depth = np.concatenate([to_grasp, above + beyond[1:]])
@@ -137,12 +137,12 @@ def _plan_descent(
     start[:3, :3], start[:3, 3] = rotation[0], position[0]
     q0 = ik.solve_pose(model, side, start, seed, gain=0.0)
     if q0 is None:
-        return Outcome(failure=out_of_reach(table, side, "the point above the grasp", position[0]))
+        raise Failed(out_of_reach(table, side, "the point above the grasp", position[0]))
     q = ik.follow_path(model, side, rotation, position, q0)
     reached = len(q)
     if reached < len(to_grasp):
-        return Outcome(failure=out_of_reach(table, side, "the descent", position[reached]))
-    return Outcome(Descent(frozen(q), frozen(depth[:reached]), above))
+        raise Failed(out_of_reach(table, side, "the descent", position[reached]))
+    return Descent(frozen(q), frozen(depth[:reached]), above)
 
 
 def _simultaneous_descents(q_above: Array, descend: Mapping[Side, Descent]) -> Array:

@@ -11,13 +11,11 @@ from foldcell.robots.errors import Failure, FailureKind
 from foldcell.robots.model import JointLimits, RobotModel
 from foldcell.robots.ports import ArmTrajectory, Array, Side
 from foldcell.skills.motion.kinematics import ik
-from foldcell.skills.motion.timing.inputs import TimingError
 from foldcell.skills.motion.timing.timing import hold, time_path
 from foldcell.skills.motion.validation.collision import CollisionChecker
-from foldcell.skills.motion.validation.failures import too_near
-from foldcell.skills.motion.validation.inputs import validate_height, validate_state
+from foldcell.skills.motion.validation.failures import too_near, validate_height, validate_state
 from foldcell.skills.motion.validation.trajectory_check import contact_along
-from foldcell.skills.vocabulary import Outcome
+from foldcell.skills.vocabulary import Outcome, refuse, skill
 
 __all__ = ["CAREFUL_SPEED", "plan_lift", "plan_straight"]
 
@@ -51,6 +49,7 @@ def plan_lift(
     return plan_straight(model, checker, q_now, ways, height, careful=careful, limits=limits)
 
 
+@skill
 def plan_straight(
     model: RobotModel,
     checker: CollisionChecker,
@@ -65,9 +64,7 @@ def plan_straight(
 ) -> Outcome[ArmTrajectory]:
     """Plan a straight motion of each hand along its unit vector in `ways`, by `length` [m], from q_now (joints,),
     at rest. speed: of the tools [m/s]; name: of the motion, for messages. Otherwise as `plan_lift`."""
-    invalid = validate_state(model, q_now) or validate_height(length)
-    if invalid:
-        return Outcome(failure=invalid)
+    refuse(validate_state(model, q_now) or validate_height(length))
     n = max(2, int(np.ceil(length / STEP)))
     gone = np.linspace(0.0, length, n + 1)
     q = np.tile(q_now, (n + 1, 1))
@@ -81,12 +78,9 @@ def plan_straight(
         q[:, joints] = found
     if np.abs(q - q_now).max() < 1e-9:
         return Outcome(hold(q_now))
-    try:
-        # where the hands should be slower, a millimetre counts as more
-        lengths = gone + (speed / CAREFUL_SPEED - 1.0) * np.minimum(gone, careful)
-        motion = time_path(q, limits or model.planning, lengths=lengths[:, None], speed=speed)
-    except TimingError as e:
-        return Outcome(failure=e.failure())
+    # where the hands should be slower, a millimetre counts as more
+    lengths = gone + (speed / CAREFUL_SPEED - 1.0) * np.minimum(gone, careful)
+    motion = time_path(q, limits or model.planning, lengths=lengths[:, None], speed=speed)
     contact = contact_along(checker, motion, allow_fingertips=True)
     if contact is not None:
         return Outcome(failure=too_near(f"the {name}", str(contact)))

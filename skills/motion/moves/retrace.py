@@ -9,14 +9,12 @@ from foldcell.robots.errors import Failure, FailureKind
 from foldcell.robots.model import JointLimits, RobotModel
 from foldcell.robots.ports import ArmTrajectory, Array, Side
 from foldcell.skills.motion.kinematics import ik
-from foldcell.skills.motion.timing.inputs import TimingError
 from foldcell.skills.motion.timing.timing import hold, time_path
 from foldcell.skills.motion.validation.collision import CollisionChecker
-from foldcell.skills.motion.validation.failures import too_near
-from foldcell.skills.motion.validation.inputs import validate_state, validate_tool_speed
+from foldcell.skills.motion.validation.failures import too_near, validate_state, validate_tool_speed
 from foldcell.skills.motion.validation.trajectory_check import contact_along, spaced_samples
 from foldcell.skills.plane import lengths_along
-from foldcell.skills.vocabulary import Outcome
+from foldcell.skills.vocabulary import Outcome, refuse, skill
 
 __all__ = ["nearest_on", "plan_along", "share_done", "without_loops"]
 
@@ -30,6 +28,7 @@ LOOP = 1.5 * SPACING
 """Two samples that are nearer to each other than this are joined, and the path between them is left out [rad]."""
 
 
+@skill
 def plan_along(
     model: RobotModel,
     checker: CollisionChecker,
@@ -46,9 +45,7 @@ def plan_along(
     tool_speed: maximum speed of the tools [m/s]. Failures: STALE_STATE (q_now is not a valid state), UNREACHABLE
     (q_now is too far from the path), LIMIT_EXCEEDED, IN_COLLISION.
     """
-    invalid = validate_state(model, q_now) or validate_tool_speed(tool_speed)
-    if invalid:
-        return Outcome(failure=invalid)
+    refuse(validate_state(model, q_now) or validate_tool_speed(tool_speed))
     k = nearest_on(path, q_now)
     offset = q_now - path[k]
     joint = int(np.abs(offset).argmax())
@@ -76,6 +73,7 @@ def _fading(rest: Array, offset: Array) -> Array:
     return np.asarray(q)
 
 
+@skill
 def _timed(
     model: RobotModel,
     checker: CollisionChecker,
@@ -85,10 +83,7 @@ def _timed(
 ) -> Outcome[ArmTrajectory]:
     """Return the motion along q (n, joints), if it is free."""
     lengths = np.stack([_tool_travelled(model, side, q) for side in Side], axis=1)
-    try:
-        motion = time_path(q, limits or model.planning, lengths=lengths, speed=tool_speed)
-    except TimingError as e:
-        return Outcome(failure=e.failure())
+    motion = time_path(q, limits or model.planning, lengths=lengths, speed=tool_speed)
     contact = contact_along(checker, motion, allow_fingertips=True)
     if contact is not None:
         return Outcome(failure=too_near("the way along the earlier path", str(contact)))

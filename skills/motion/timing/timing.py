@@ -13,6 +13,9 @@ Repeated samples count as one sample, because a spline through both could have a
 them. At a sharp turn of the path, the spline has a bend that would slow down the whole motion. The path is
 therefore also timed with a stop at the turn, and the shorter motion is taken.
 
+A motion that is too long to be sampled raises a TimingError, which a planner (`foldcell.skills.motion.moves`) ends
+with.
+
 Ruckig's way-points (`intermediate_positions`) are never used, because they call a network service.
 """
 
@@ -21,16 +24,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import ruckig
 from scipy.interpolate import CubicSpline, make_interp_spline
 
-from foldcell.robots.errors import InternalError
+from foldcell.robots.errors import Failure, FailureKind, InternalError
 from foldcell.robots.model import JointLimits
 from foldcell.robots.ports import ArmTrajectory, Array, frozen
-from foldcell.skills.motion.timing.inputs import TimingError, validate_duration
 from foldcell.skills.motion.timing.without_plots import without_plots
+from foldcell.skills.vocabulary import Failed
 
 with without_plots():
     import toppra
@@ -38,10 +42,12 @@ with without_plots():
     import toppra.constraint
 
 __all__ = [
+    "LONGEST_MOTION",
     "STOP_TIME",
     "TICK",
     "ClockWarp",
     "Peaks",
+    "TimingError",
     "free_motion",
     "hold",
     "join",
@@ -52,6 +58,9 @@ __all__ = [
     "warped",
 ]
 
+LONGEST_MOTION = 600.0
+"""Maximum duration of one motion [s]; it has 60 000 samples. Even at the slowest settings of a cell (5 % of the
+joints' speed, tools at 0.02 m/s) no motion takes more than about three minutes."""
 TICK = 0.01
 """Longest time between samples [s]."""
 STOP_TIME = 0.6
@@ -72,6 +81,14 @@ more than the tried angle may become a stop. A smooth path is sampled so finely 
 MAX_STRETCHES = 40
 """Maximum number of times that a trajectory is stretched. One or two suffice, except for bends of a milliradian,
 whose sampled jerk is irregular."""
+
+
+class TimingError(Failed):
+    """Raised when a motion cannot be timed: no motion keeps its limits, or it would take longer than
+    LONGEST_MOTION."""
+
+    def __init__(self, what: str, hint: str, **values: Any) -> None:
+        super().__init__(Failure(FailureKind.LIMIT_EXCEEDED, what, hint, values))
 
 
 @dataclass(frozen=True)
@@ -160,7 +177,7 @@ def free_motion(q0: Array, q1: Array, limits: JointLimits) -> ArmTrajectory:
         raise _no_free_motion(request, "its limits are too large or too small") from e
     if result_code not in (ruckig.Result.Working, ruckig.Result.Finished):
         raise _no_free_motion(request, str(result_code))
-    validate_duration(result.duration, "the free motion")
+    _validate_duration(result.duration, "the free motion")
     t = _sample_times(result.duration)
     u, rate, acceleration = (np.array(x) for x in zip(*(result.at_time(float(ti))[:3] for ti in t), strict=True))
     u[0], u[-1], rate[0], rate[-1] = 0.0, 1.0, 0.0, 0.0
@@ -253,7 +270,7 @@ def time_law(path: Array, t: Array, limits: JointLimits) -> ArmTrajectory:
     times. Raises TimingError for a motion that would take too long.
     """
     tau = t - t[0]
-    validate_duration(float(tau[-1]), "the requested motion")
+    _validate_duration(float(tau[-1]), "the requested motion")
     exact = _as_requested(path, tau, limits)
     if exact is not None:
         return exact
@@ -339,9 +356,20 @@ def warped(trajectory: ArmTrajectory, warp: ClockWarp) -> ArmTrajectory:
     return ArmTrajectory(frozen(tau), frozen(q), frozen(qd), frozen(qdd))
 
 
+def _validate_duration(seconds: float, what: str = "the motion") -> None:
+    """Raises TimingError if `seconds` is not finite, or above LONGEST_MOTION. Call it before sampling."""
+    if not seconds <= LONGEST_MOTION:  # also true for NaN
+        raise TimingError(
+            f"{what} would take {seconds:.4g} s; the longest motion takes {LONGEST_MOTION:.0f} s",
+            "raise the limits on the joints' velocity, acceleration and jerk and on the tools' speed",
+            duration_s=float(seconds) if np.isfinite(seconds) else None,
+            longest_s=LONGEST_MOTION,
+        )
+
+
 def _sample_times(duration: float) -> Array:
     """Evenly spaced times from 0 to duration, at most TICK apart. Raises TimingError for too long a duration."""
-    validate_duration(duration)
+    _validate_duration(duration)
     n = max(2, int(np.ceil(duration / TICK - 1e-9)))
     return np.linspace(0.0, duration, n + 1)
 
@@ -379,7 +407,7 @@ def _time_optimal_law(
     # d2s/dt2 is constant between grid points, so the times are exact.
     ds = np.diff(grid)
     t = np.concatenate([[0.0], np.cumsum(2.0 * ds / np.maximum(rate[:-1] + rate[1:], 1e-6))])
-    validate_duration(float(t[-1]))
+    _validate_duration(float(t[-1]))
     fine_t = np.linspace(0.0, t[-1], max(2, int(t[-1] / LAW_STEP)))
     i = np.clip(np.searchsorted(t, fine_t, side="right") - 1, 0, GRID - 1)
     dt = fine_t - t[i]
@@ -424,7 +452,7 @@ def _smooth_and_stretch(curve: CubicSpline, t: Array, s: Array, limits: JointLim
 
 def _smooth(t: Array, s: Array, width: float) -> tuple[make_interp_spline, float]:
     """Average s(t) twice over windows of `width` [s]. Return it as a C4 spline, and its duration [s]."""
-    validate_duration(float(t[-1]) + 2.0 * width)
+    _validate_duration(float(t[-1]) + 2.0 * width)
     k = max(1, round(width / LAW_STEP))
     n = int(np.ceil(t[-1] / LAW_STEP))
     padded = np.interp(np.arange(-2 * k, n + 2 * k + 1) * LAW_STEP, t, s)

@@ -17,7 +17,7 @@ from foldcell.robots.model import JointLimits, RobotModel
 from foldcell.robots.ports import ArmTrajectory, Array
 from foldcell.skills.motion.timing.timing import Peaks, peaks
 from foldcell.skills.motion.validation.collision import CollisionChecker, Contact
-from foldcell.skills.vocabulary import Outcome
+from foldcell.skills.vocabulary import Outcome, refuse, skill
 
 __all__ = ["check_trajectory", "contact_along", "spaced_samples"]
 
@@ -32,6 +32,7 @@ CHECK_STEP = 0.02
 """Joint motion between two poses that are checked for collision [rad]."""
 
 
+@skill
 def check_trajectory(
     model: RobotModel,
     checker: CollisionChecker,
@@ -48,20 +49,25 @@ def check_trajectory(
     start_tolerance: maximum distance of each joint from the trajectory's start [rad]. Failures: LIMIT_EXCEEDED,
     START_MISMATCH, IN_COLLISION.
     """
-    failure = (
+    refuse(
         _malformed(trajectory, len(model.joint_names))
         or _start_mismatch(model, trajectory, q_now, start_tolerance)
         or _position_limits(model, trajectory, limits)
     )
-    if failure:
-        return Outcome(failure=failure)
     share = peaks(trajectory, limits)
     if share.worst > 1.0 + LIMIT_TOLERANCE:
         return Outcome(failure=_too_fast(share))
-    failure = _collision(checker, trajectory, allow_fingertips)
-    if failure:
-        return Outcome(failure=failure)
-    return Outcome(share)
+    contact = contact_along(checker, trajectory, allow_fingertips=allow_fingertips)
+    if contact is None:
+        return Outcome(share)
+    return Outcome(
+        failure=Failure(
+            FailureKind.IN_COLLISION,
+            f"the trajectory is in collision: {contact}",
+            "plan again; if it repeats, clear the arms' workspace",
+            {"pair": str(contact), "at_s": float(trajectory.t[contact.index])},
+        )
+    )
 
 
 def _malformed(trajectory: ArmTrajectory, joints: int) -> Failure | None:
@@ -124,18 +130,6 @@ def _too_fast(share: Peaks) -> Failure:
 
 def _limit_exceeded(what: str, values: Mapping[str, object]) -> Failure:
     return Failure(FailureKind.LIMIT_EXCEEDED, what, "report this: a bug in the planner", dict(values))
-
-
-def _collision(checker: CollisionChecker, trajectory: ArmTrajectory, allow_fingertips: bool) -> Failure | None:
-    contact = contact_along(checker, trajectory, allow_fingertips=allow_fingertips)
-    if contact is None:
-        return None
-    return Failure(
-        FailureKind.IN_COLLISION,
-        f"the trajectory is in collision: {contact}",
-        "plan again; if it repeats, clear the arms' workspace",
-        {"pair": str(contact), "at_s": float(trajectory.t[contact.index])},
-    )
 
 
 def contact_along(

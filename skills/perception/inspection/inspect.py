@@ -38,6 +38,8 @@ from foldcell.skills.vocabulary import (
     Outcome,
     PredictedShape,
     Table,
+    refuse,
+    skill,
 )
 
 __all__ = ["Inspection", "InspectionSettings", "averaged_height", "inspect"]
@@ -54,6 +56,7 @@ RIM = 5
 """Width of the outer part, where the smoothed heights of cloth and table mix [pixels]."""
 
 
+@skill
 def inspect(
     frame: CameraFrame,
     calibration: CameraCalibration,
@@ -82,15 +85,9 @@ def inspect(
     Failures: CAMERA_FAULT, VIEW_OBSTRUCTED, NO_GARMENT, OUT_OF_VIEW or UNKNOWN_GARMENT (a second garment) if
     nothing can be judged. A bad fold is not a failure: the value's `diagnosis` describes it.
     """
-    opened = open_views(frame, calibration, table, reference, previous, settings.perception)
-    if opened.failure is not None:
-        return Outcome(failure=opened.failure)
-    views = opened.unwrap()
-    silhouette = find_silhouette(views, settings.perception)
-    if silhouette.failure is not None:
-        return Outcome(failure=silhouette.failure)
+    views = open_views(frame, calibration, table, reference, previous, settings.perception).unwrap()
+    found = find_silhouette(views, settings.perception).unwrap()
     view, seen, empty, height = views.view, views.seen, views.empty, views.height
-    found = silhouette.unwrap()
     if earlier is not None:
         height = averaged_height(height, found.mask, earlier)
     expected = draw_shape(view, predicted)
@@ -99,8 +96,7 @@ def inspect(
     planned = np.isfinite(expected)
     outline, observed = outline_of(view, planned), view.to_table(found.contour)
     R, t = align(outline, observed)
-    if (second := _second_garment(found, planned, view)) is not None:
-        return Outcome(failure=second)
+    refuse(_second_garment(found, planned, view))
     edge = None
     before = before or previous
     if step is not None and len(step.grasps) == 2 and before is not None:

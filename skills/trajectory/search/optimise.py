@@ -12,9 +12,10 @@ import numpy as np
 from foldcell.skills.cloth.mesh import ClothMesh
 from foldcell.skills.cloth.pinch import PadGeometry
 from foldcell.skills.cloth.predict import predict_fold
+from foldcell.skills.garments.garment import Garment
 from foldcell.skills.trajectory.arcs.bezier import PAPER_H, arc_controls
-from foldcell.skills.trajectory.arcs.frame import FoldFrame
-from foldcell.skills.trajectory.arcs.paths import LIFT_HEIGHT
+from foldcell.skills.trajectory.arcs.frame import FoldFrame, frames_of
+from foldcell.skills.trajectory.arcs.paths import LIFT_HEIGHT, fold_duration, tool_paths
 from foldcell.skills.trajectory.search.acceptance import (
     NEARLY,
     acceptance_limit,
@@ -43,7 +44,7 @@ from foldcell.skills.vocabulary import (
     ToolPath,
 )
 
-__all__ = ["METHODS", "PLAIN_H", "ClothPredictor", "arcs_of", "optimise_fold"]
+__all__ = ["METHODS", "PLAIN_H", "ClothPredictor", "arcs_of", "optimise_fold", "plain_paths", "plain_trajectory"]
 
 Progress = Callable[[int, int, float], None]
 """Function called after each simulation with: simulations done, budget, best D so far [m]."""
@@ -273,6 +274,19 @@ def arcs_of(frames: Mapping[GraspId, FoldFrame], height: float, skew: float = 0.
     height = _capped(frames, float(np.clip(height, LOWEST, HIGHEST)))
     skew = float(np.clip(skew, -0.4, 0.4))
     return {s: arc_controls(f.start, f.end, height, skew) for s, f in frames.items()}
+
+
+def plain_trajectory(step: FoldStep, garment: Garment, max_speed: float) -> GraspTrajectory:
+    """Compute the plain arc (PLAIN_H, lower for a long fold) of each grasp. max_speed: of the tools
+    [m/s]. The dissimilarity of the trajectory is not known."""
+    controls = arcs_of(frames_of(step, garment.material.thickness), PLAIN_H)
+    return GraspTrajectory(controls, fold_duration(controls, max_speed), "plain", 0.0, 0.0)
+
+
+def plain_paths(step: FoldStep, garment: Garment) -> dict[GraspId, ToolPath]:
+    """Compute the tool paths of the plain arc at the speed that the cloth allows."""
+    speed = garment.max_tool_speed
+    return tool_paths(plain_trajectory(step, garment, speed), step, speed)
 
 
 def _search_initial(problem: FoldProblem, evaluator: Evaluator) -> None:

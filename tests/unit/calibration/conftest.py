@@ -10,7 +10,7 @@ import pytest
 from foldcell.calibration.effects import ANSWERABLE, Effect, Note
 from foldcell.robots.baxter.robot import load_model
 from foldcell.robots.model import RobotModel
-from foldcell.skills.vocabulary import Outcome
+from foldcell.skills.vocabulary import Failed, Outcome
 
 RecordedAnswers = Mapping[type, Callable[[Any], Outcome]]
 
@@ -33,6 +33,8 @@ def run(procedure: Any, answers: RecordedAnswers) -> tuple[Outcome, list[Effect]
             effect = procedure.send(answer)
     except StopIteration as end:
         return end.value, asked
+    except Failed as end:
+        return Outcome(failure=end.failure), asked
 
 
 @pytest.fixture(scope="session")

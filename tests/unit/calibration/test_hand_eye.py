@@ -17,7 +17,7 @@ from foldcell.calibration.hand_eye import (
     calibrate_hand_eye,
     fit_hand_eye,
 )
-from foldcell.robots.baxter.camera_mount import MOUNT
+from foldcell.robots.baxter.robot import MOUNT
 from foldcell.robots.errors import Failure, FailureKind
 from foldcell.robots.model import RobotModel
 from foldcell.robots.ports import BoardPlace, CameraFrame, Side

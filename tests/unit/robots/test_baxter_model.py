@@ -8,8 +8,7 @@ import pinocchio as pin
 import pytest
 
 from foldcell.cell.hardware.robot_check import view_margins
-from foldcell.robots.baxter.camera_mount import MOUNT
-from foldcell.robots.baxter.robot import GRIPPER, load_model
+from foldcell.robots.baxter.robot import GRIPPER, MOUNT, load_model
 from foldcell.robots.errors import ConfigurationError
 from foldcell.robots.model import JointLimits, arm_chain
 from foldcell.robots.ports import Side, arm_slice

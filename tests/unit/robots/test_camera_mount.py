@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from foldcell.robots.baxter.camera_mount import EYE, MOUNT, TARGET
+from foldcell.robots.baxter.robot import EYE, MOUNT, TARGET
 from foldcell.robots.ports import Array
 
 

@@ -14,7 +14,7 @@ from foldcell.robots.model import ArmChain, JointLimits, RobotModel, arm_chain
 from foldcell.robots.ports import Side
 from foldcell.robots.setpoint import clip_setpoint
 from foldcell.skills.motion.kinematics import ik
-from foldcell.skills.motion.validation.inputs import validate_state
+from foldcell.skills.motion.validation.failures import validate_state
 
 JOINTS = tuple(
     f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")

@@ -19,7 +19,7 @@ from foldcell.cell.executive.effects.recovery.ways_out import FREEING, FREEING_T
 from foldcell.cell.hardware.workcell import Workcell
 from foldcell.robots.errors import DriverError, Failure, FailureKind
 from foldcell.robots.ports import ArmTrajectory, Side
-from foldcell.skills.grasping.empty_hand import EmptyCheck, check_empty, start_empty_check
+from foldcell.skills.grasping.empty_hand import EmptyCheck, check_empty
 from foldcell.skills.grasping.hand_reading import GripCommand, HandReading
 from foldcell.skills.grasping.release import RELEASE_FORCE, RELEASE_TOLERANCE
 from foldcell.skills.grasping.stuck_on_finger import (
@@ -27,7 +27,6 @@ from foldcell.skills.grasping.stuck_on_finger import (
     DragWatch,
     StuckCheck,
     check_stuck,
-    start_stuck_check,
     watch_drag,
 )
 from foldcell.skills.grasping.tare import TactileBias
@@ -123,9 +122,9 @@ def _first_checks(
         ready = gripper.calibrated and not gripper.in_error and LET_GO <= gripper.opening <= WIDEST
         closes = ready and high - low >= LEAST_RISE
         checks[side] = (
-            start_empty_check(cell.grasp, bias, layer, low + ABOVE, RELEASE_OPENING)
+            EmptyCheck(cell.grasp, bias, layer, low + ABOVE, RELEASE_OPENING)
             if closes
-            else start_stuck_check(cell.grasp, bias)
+            else StuckCheck(cell.grasp, bias)
         )
         heights[side] = max(high - WEIGHED, low + LEAST_RISE)
     return checks, heights
@@ -167,7 +166,7 @@ class _HandChecks:
         """Finish the checks with the arms at rest. A hand that has not begun to close is only weighed."""
         for side, check in self.running.items():
             if isinstance(check, EmptyCheck) and not check.begun:
-                self.running[side] = start_stuck_check(self.cell.grasp, self.biases[side])
+                self.running[side] = StuckCheck(self.cell.grasp, self.biases[side])
         running = self.running
         failure = each_hand(self.cell.loop, self.cell.hands, running, self._step).failure if running else None
         return failure or (still_closed(self.cell) if self.unsure else None)
@@ -183,7 +182,7 @@ class _HandChecks:
             return Outcome(failure=after.failure)
         if refused or (isinstance(after, Outcome) and not after.unwrap().met):
             self.unsure.add(side)
-        return start_stuck_check(self.cell.grasp, self.biases[side])
+        return StuckCheck(self.cell.grasp, self.biases[side])
 
     def _refuses(self, side: Side, command: GripCommand) -> bool:
         """Command the gripper. Returns whether it refuses, because it is in error or not calibrated. A refusal is
@@ -199,7 +198,7 @@ class _HandChecks:
 
 def _dragging(cell: Workcell, biases: Mapping[Side, TactileBias]) -> Watch:
     """Return a watch that ends the motion of a hand that drags cloth along."""
-    watches = {side: DragWatch(start_stuck_check(cell.grasp, bias)) for side, bias in biases.items()}
+    watches = {side: DragWatch(StuckCheck(cell.grasp, bias)) for side, bias in biases.items()}
     at = -1.0
 
     def look(tick: Tick) -> Failure | None:

@@ -15,7 +15,7 @@ from foldcell.cell.config.calibration_file import table_text
 from foldcell.cell.config.garments.garment_file import shipped_garment_path
 from foldcell.cell.states.state_chart import CHART
 from foldcell.cell.support.junit import junit_text
-from foldcell.skills.trajectory.export.tool_poses import MARKS, tool_poses_text
+from foldcell.skills.trajectory.export import MARKS, tool_poses_text
 from foldcell.skills.trajectory.trajectory_library import Library, to_json
 
 SCRIPT = {

@@ -17,9 +17,8 @@ from foldcell.cell.simulation.camera.render_server import Picture, Scene, Shot
 from foldcell.cell.simulation.garment.fabric import contrasting_colour, fabric_texture, garment_uv, table_texture
 from foldcell.cell.simulation.noise import load_noise
 from foldcell.cell.simulation.settings import DEFAULT_TABLE
-from foldcell.robots.baxter.camera_mount import MOUNT
 from foldcell.robots.baxter.names import JOINT_NAMES
-from foldcell.robots.baxter.robot import FLOOR, ROBOT, load_model
+from foldcell.robots.baxter.robot import FLOOR, MOUNT, ROBOT, load_model
 from foldcell.robots.errors import DriverError, FailureKind
 from foldcell.robots.ports import Array
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from foldcell.skills.grasping.tare import TactileBias, start_tare, tare
+from foldcell.skills.grasping.tare import TactileBias, TareState, tare
 from foldcell.skills.vocabulary import Outcome
 from tests.builders.shipped_settings import GRASP
 from tests.hands import SensedHand
@@ -11,7 +11,7 @@ __all__ = ["bias_of"]
 
 
 def bias_of(hand: SensedHand) -> TactileBias:
-    state = start_tare(GRASP)
+    state = TareState(GRASP)
     while not isinstance(state, Outcome):
         state = tare(hand.read(), state)
     return state.unwrap()

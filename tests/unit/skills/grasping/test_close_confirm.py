@@ -10,15 +10,15 @@ import pytest
 from foldcell.robots.errors import FailureKind
 from foldcell.skills.grasping.close import Closed, CloseState, close, start_close
 from foldcell.skills.grasping.confirm import (
+    Confirmation,
     Expectation,
     Held,
+    LiftCheck,
     check_lift,
     confirm,
     count_layers,
-    start_confirm,
-    start_lift_check,
 )
-from foldcell.skills.grasping.tare import TactileBias, start_tare, tare
+from foldcell.skills.grasping.tare import TactileBias, TareState, tare
 from foldcell.skills.vocabulary import Outcome
 from tests.builders.shipped_settings import GRASP
 from tests.hands import ClosingHand, SensedHand
@@ -41,7 +41,7 @@ def close_on(hand: ClosingHand) -> tuple[Outcome[Closed], TactileBias]:
 def confirm_on(
     hand: SensedHand, pads: TactileBias, layers: int | None = 1, thickness: float = NOMINAL
 ) -> Outcome[Held]:
-    state = start_confirm(SETTINGS, pads, Expectation(thickness, layers))
+    state = Confirmation(SETTINGS, pads, Expectation(thickness, layers))
     while not isinstance(state, Outcome):
         state = confirm(hand.read(), state)
     return state
@@ -138,7 +138,7 @@ def test_a_hand_that_feels_no_force_holds_nothing(scale: float) -> None:
 @pytest.mark.parametrize(("wanted", "got", "fails"), [(2, 4, False), (2, 2, False), (4, 2, True), (2, 0, True)])
 def test_a_hand_under_the_whole_stack_may_take_more_but_not_less(wanted: int, got: int, fails: bool) -> None:
     hand, pads = grasp(3, 1.0, got)
-    state = start_confirm(SETTINGS, pads, Expectation(NOMINAL, wanted, or_more=True))
+    state = Confirmation(SETTINGS, pads, Expectation(NOMINAL, wanted, or_more=True))
     while not isinstance(state, Outcome):
         state = confirm(hand.read(), state)
     assert (state.failure is not None) == fails
@@ -198,7 +198,7 @@ def test_the_probability_of_a_layer_count_is_calibrated() -> None:
 
 
 def lift_of(hand: SensedHand, pads: TactileBias, held: Held) -> Outcome[Held]:
-    state = start_lift_check(SETTINGS, pads, held)
+    state = LiftCheck(SETTINGS, pads, held)
     while not isinstance(state, Outcome):
         state = check_lift(hand.read(), state)
     return state
@@ -228,9 +228,9 @@ def test_stale_readings_end_every_grasp_phase() -> None:
     late = replace(hand.read(), stamp=hand.now + 1.0)
     ends = (
         close(late, start_close(SETTINGS, pads, late))[1],
-        confirm(late, start_confirm(SETTINGS, pads, Expectation(NOMINAL))),
-        check_lift(late, start_lift_check(SETTINGS, pads, held)),
-        tare(late, start_tare(SETTINGS)),
+        confirm(late, Confirmation(SETTINGS, pads, Expectation(NOMINAL))),
+        check_lift(late, LiftCheck(SETTINGS, pads, held)),
+        tare(late, TareState(SETTINGS)),
     )
     for end in ends:
         assert isinstance(end, Outcome) and end.failure is not None

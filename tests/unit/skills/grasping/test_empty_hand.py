@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from foldcell.robots.errors import FailureKind
-from foldcell.skills.grasping.empty_hand import NARROW, Emptied, check_empty, start_empty_check
+from foldcell.skills.grasping.empty_hand import NARROW, Emptied, EmptyCheck, check_empty
 from foldcell.skills.grasping.hand_reading import HandReading
 from foldcell.skills.vocabulary import Outcome
 from tests.builders.shipped_settings import GRASP
@@ -51,7 +51,7 @@ class RisingHand(SensedHand):
 
 def rise(hand: RisingHand, layer: float = 0.0008) -> tuple[Outcome[Emptied], float]:
     """Let the hand rise and check that it is empty. Also returns the time from the beginning of closing [s]."""
-    state = start_empty_check(SETTINGS, hand.bias, layer, ABOVE, RELEASED)
+    state = EmptyCheck(SETTINGS, hand.bias, layer, ABOVE, RELEASED)
     for _ in range(1000):
         command, after = check_empty(hand.tick(), state)
         if command is not None:
@@ -120,7 +120,7 @@ def test_pads_that_do_not_move_end_the_check() -> None:
 @pytest.mark.parametrize("spoilt", ["old", "nan"])
 def test_readings_that_cannot_be_used_are_passed_over(spoilt: str) -> None:
     hand, commands = RisingHand(7), []
-    state = start_empty_check(SETTINGS, hand.bias, 0.0008, ABOVE, RELEASED)
+    state = EmptyCheck(SETTINGS, hand.bias, 0.0008, ABOVE, RELEASED)
     for _ in range(1000):
         reading = hand.tick()
         late = replace(reading.gripper, stamp=reading.stamp - 9.0)
@@ -135,6 +135,6 @@ def test_readings_that_cannot_be_used_are_passed_over(spoilt: str) -> None:
 
 def test_a_hand_whose_height_is_unknown_does_not_close() -> None:
     hand = RisingHand(8)
-    state = start_empty_check(SETTINGS, hand.bias, 0.0008, ABOVE, RELEASED)
+    state = EmptyCheck(SETTINGS, hand.bias, 0.0008, ABOVE, RELEASED)
     command, after = check_empty(replace(hand.tick(), height=np.nan), state)
     assert command is None and after is state

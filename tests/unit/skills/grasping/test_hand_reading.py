@@ -10,7 +10,7 @@ import pytest
 
 from foldcell.robots.errors import FailureKind
 from foldcell.robots.ports import GripperState, Side, TactileReading
-from foldcell.skills.grasping.confirm import CONFIRM_READINGS, Held, LayerCount, check_lift, start_lift_check
+from foldcell.skills.grasping.confirm import CONFIRM_READINGS, Held, LayerCount, LiftCheck, check_lift
 from foldcell.skills.grasping.hand_reading import HandReading, validate_reading
 from foldcell.skills.grasping.release import ReleaseState, release, start_release
 from foldcell.skills.grasping.stuck_on_finger import (
@@ -18,9 +18,9 @@ from foldcell.skills.grasping.stuck_on_finger import (
     DRIFT_TIME,
     STUCK_READINGS,
     STUCK_SIGMAS,
+    StuckCheck,
     check_stuck,
     residual_bound,
-    start_stuck_check,
 )
 from foldcell.skills.grasping.tare import TactileBias
 from foldcell.skills.vocabulary import Outcome
@@ -111,7 +111,7 @@ def lifted(force: float, opening: float, empty: float) -> Outcome[Held]:
     after the lift."""
     settings = replace(S, empty_opening=empty)
     held = Held(9.0, 10.0, empty + 0.004, LayerCount((0.0, 1.0), 1.0, 0.1))
-    state = start_lift_check(settings, BIAS, held)
+    state = LiftCheck(settings, BIAS, held)
     for k in range(100):
         weak = 10.0 * force
         after = check_lift(reading(10.0 + 0.01 * k, (weak, 2.0 * weak), empty + 0.004 * opening), state)
@@ -145,7 +145,7 @@ def test_a_grip_that_swings_after_the_lift_is_judged_by_its_mean(
     of: str, swing: float, mean: float, kept: bool
 ) -> None:
     held = Held(9.0, 10.0, 0.004, LayerCount((0.0, 1.0), 1.0, 0.1))
-    state: Any = start_lift_check(S, BIAS, held)
+    state: Any = LiftCheck(S, BIAS, held)
     for k in range(CONFIRM_READINGS):
         share = mean + swing * (k % 3 - 1)
         force, opening = (share, 1.0) if of == "force" else (1.0, share)
@@ -154,7 +154,7 @@ def test_a_grip_that_swings_after_the_lift_is_judged_by_its_mean(
 
 
 def test_a_repeated_reading_does_not_count_towards_the_stuck_check() -> None:
-    state = check_stuck(reading(), start_stuck_check(S, BIAS))
+    state = check_stuck(reading(), StuckCheck(S, BIAS))
     for k in range(2 * STUCK_READINGS):
         state = check_stuck(replace(reading(), stamp=10.0 + 0.001 * k), state)
         assert not isinstance(state, Outcome)
@@ -175,7 +175,7 @@ def test_the_drift_allowance_grows_until_half_a_period() -> None:
 @pytest.mark.parametrize("pad", [0, 1])
 @pytest.mark.parametrize(("share", "stuck"), [(0.98, False), (1.02, True)])
 def test_cloth_on_either_pad_is_reported_above_the_threshold(pad: int, share: float, stuck: bool) -> None:
-    state = start_stuck_check(S, BIAS)
+    state = StuckCheck(S, BIAS)
     weight = share * residual_bound(BIAS, 10.0 + 0.01 * (STUCK_READINGS - 1), S, STUCK_READINGS)
     for k in range(STUCK_READINGS):
         pads = (weight, -1.0) if pad == 0 else (-1.0, weight)

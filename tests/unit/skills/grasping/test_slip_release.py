@@ -13,7 +13,7 @@ from foldcell.skills.grasping.confirm import Held, LayerCount
 from foldcell.skills.grasping.release import Released, ReleaseState, release, start_release
 from foldcell.skills.grasping.settings import GraspSettings
 from foldcell.skills.grasping.slip import SlipWatch, start_slip_watch, watch_slip
-from foldcell.skills.grasping.stuck_on_finger import Clear, DragWatch, check_stuck, start_stuck_check, watch_drag
+from foldcell.skills.grasping.stuck_on_finger import Clear, DragWatch, StuckCheck, check_stuck, watch_drag
 from foldcell.skills.grasping.tare import TactileBias
 from foldcell.skills.vocabulary import Failure, Outcome
 from tests.builders.shipped_settings import GRASP
@@ -329,7 +329,7 @@ def test_pads_that_do_not_open_are_a_fault_that_warns_of_a_held_garment() -> Non
 
 
 def stuck_check(hand: SensedHand, pads: TactileBias) -> Outcome[Clear]:
-    state = start_stuck_check(SETTINGS, pads)
+    state = StuckCheck(SETTINGS, pads)
     while not isinstance(state, Outcome):
         state = check_stuck(hand.read(), state)
     return state
@@ -370,7 +370,7 @@ LEAVING_S = 2.6
 
 def leave(hand: SensedHand, pads: TactileBias, pull: Callable[[float], float], pad: int = 0) -> Failure | None:
     """Lead the hand away. pull: force on one pad [N] at a time after the start [s]."""
-    watch, begun = DragWatch(start_stuck_check(SETTINGS, pads)), hand.now
+    watch, begun = DragWatch(StuckCheck(SETTINGS, pads)), hand.now
     while hand.now - begun < LEAVING_S:
         hand.pads = np.where(np.arange(2) == pad, pull(hand.now - begun), 0.0)
         after = watch_drag(hand.read(), watch)
@@ -424,7 +424,7 @@ def test_a_single_wrong_reading_is_no_pull() -> None:
 
 def test_readings_that_cannot_be_used_do_not_stop_the_way() -> None:
     hand = SensedHand(1, 1.0)
-    watch = DragWatch(start_stuck_check(SETTINGS, bias_of(hand)))
+    watch = DragWatch(StuckCheck(SETTINGS, bias_of(hand)))
     reading = hand.read()
     for spoilt in (replace(reading, stamp=reading.stamp + 9.0), replace(reading, height=np.nan)):
         assert watch_drag(spoilt, watch) is watch

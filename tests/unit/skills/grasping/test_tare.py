@@ -9,7 +9,7 @@ import pytest
 
 from foldcell.robots.errors import FailureKind
 from foldcell.skills.grasping.hand_reading import validate_reading
-from foldcell.skills.grasping.tare import TARE_READINGS, TactileBias, start_tare, tare
+from foldcell.skills.grasping.tare import TARE_READINGS, TactileBias, TareState, tare
 from foldcell.skills.vocabulary import Outcome
 from tests.builders.shipped_settings import GRASP
 from tests.hands import CELL_NOISE, TIP_NOISE, SensedHand
@@ -21,7 +21,7 @@ SETTINGS = GRASP
 def test_tare_removes_the_drift_and_returns_the_noise(scale: float) -> None:
     for seed in range(50):
         hand = SensedHand(seed, scale)
-        state = start_tare(SETTINGS)
+        state = TareState(SETTINGS)
         while not isinstance(state, Outcome):
             state = tare(hand.read(), state)
         found = state.unwrap()
@@ -36,7 +36,7 @@ def test_tare_removes_the_drift_and_returns_the_noise(scale: float) -> None:
 def bias_with(hand: SensedHand, leaps: dict[int, tuple[tuple[int, ...], float]], tip: float = 0.0) -> TactileBias:
     """The bias from readings with outliers. leaps: index of a reading -> (cell, error [N]). tip: error of tip 0 in
     the same readings [N]."""
-    state = start_tare(SETTINGS)
+    state = TareState(SETTINGS)
     for k in range(10 * TARE_READINGS):
         reading = hand.read()
         if k in leaps:
@@ -74,7 +74,7 @@ def test_without_outliers_the_bias_is_the_mean_of_the_first_readings() -> None:
 
 
 def test_a_repeated_reading_counts_once_in_the_tare() -> None:
-    state, reading = start_tare(SETTINGS), SensedHand(0).read()
+    state, reading = TareState(SETTINGS), SensedHand(0).read()
     for _ in range(TARE_READINGS + 1):
         state = tare(reading, state)
     assert not isinstance(state, Outcome) and len(state.cells) == 1

@@ -22,8 +22,7 @@ from foldcell.skills.motion.moves.grasp import plan_grasp
 from foldcell.skills.motion.moves.lift import plan_lift
 from foldcell.skills.motion.moves.posture_search import rank_postures
 from foldcell.skills.motion.moves.retreat import CAREFUL_RISE, plan_retreat
-from foldcell.skills.motion.timing.inputs import LONGEST_MOTION
-from foldcell.skills.motion.timing.timing import free_motion, peaks
+from foldcell.skills.motion.timing.timing import LONGEST_MOTION, free_motion, peaks
 from foldcell.skills.motion.validation.collision import CollisionChecker
 from foldcell.skills.motion.validation.trajectory_check import check_trajectory
 from foldcell.skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId, Outcome, Table, ToolPath, tool_rotation

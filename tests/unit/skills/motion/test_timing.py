@@ -15,11 +15,12 @@ from foldcell.robots.baxter.robot import load_model
 from foldcell.robots.errors import InternalError
 from foldcell.robots.ports import ArmTrajectory
 from foldcell.skills.motion.moves.rrt_connect import blend_corners
-from foldcell.skills.motion.timing.inputs import LONGEST_MOTION, TimingError
 from foldcell.skills.motion.timing.timing import (
+    LONGEST_MOTION,
     STOP_TIME,
     TICK,
     ClockWarp,
+    TimingError,
     free_motion,
     hold,
     join,

@@ -10,7 +10,7 @@ from benchmarks.perception.scenes import TABLE, draw_scene, open_studio
 from foldcell.cell.config.garments.garment_file import list_garments, load_garment
 from foldcell.cell.simulation.camera.render_server import Shot
 from foldcell.cell.simulation.garment.fabric import garment_uv
-from foldcell.robots.baxter.camera_mount import MOUNT
+from foldcell.robots.baxter.robot import MOUNT
 from tests.builders.shipped_settings import perceive
 
 

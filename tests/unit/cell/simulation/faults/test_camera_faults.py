@@ -13,7 +13,7 @@ from foldcell.cell.simulation.camera.slabs import hand_over, square_cloth, with_
 from foldcell.cell.simulation.faults import Fault, FaultBoard, FaultKind
 from foldcell.cell.simulation.faults.camera_faults import CameraFaults, holes
 from foldcell.cell.simulation.noise import load_noise
-from foldcell.robots.baxter.camera_mount import MOUNT
+from foldcell.robots.baxter.robot import MOUNT
 from foldcell.robots.errors import DriverError
 from foldcell.robots.ports import CameraFrame
 

@@ -8,8 +8,8 @@ import pytest
 from foldcell.cell.config.garments.garment_file import load_garment
 from foldcell.skills.cloth.mesh import mesh_from_contour
 from foldcell.skills.fold_plan.plan import plan_folds
-from foldcell.skills.trajectory.search.mesh_refinement import carried, refined
 from foldcell.skills.trajectory.search.problem import FoldProblem
+from foldcell.skills.trajectory.search.robust import carried, refined
 
 
 @pytest.mark.parametrize("name", ["medium_towel", "pants"])

@@ -10,8 +10,7 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-from foldcell.skills.trajectory.export.ros_messages import joint_trajectory
-from foldcell.skills.trajectory.export.tool_poses import pose_rows, tool_poses_text
+from foldcell.skills.trajectory.export import joint_trajectory, pose_rows, tool_poses_text
 from foldcell.skills.vocabulary import ToolPath
 
 T = np.linspace(0, 1, 5)
