@@ -9,15 +9,14 @@ are n x thickness high, with the uncertainty of the thickness and of the reading
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 
 from foldcell.skills.grasping.hand_reading import HandReading, validate_reading
 from foldcell.skills.grasping.live_pads import dead_pad
 from foldcell.skills.grasping.settings import GraspSettings
-from foldcell.skills.grasping.tare import TactileBias
-from foldcell.skills.vocabulary import Array, Failure, FailureKind, Outcome, refuse, skill
+from foldcell.skills.grasping.tare import LoadedReadings
+from foldcell.skills.vocabulary import Failure, FailureKind, Outcome, refuse, skill
 
 __all__ = [
     "Confirmation",
@@ -92,15 +91,10 @@ class Held:
 
 
 @dataclass(frozen=True, eq=False)
-class Confirmation:
-    """State of a confirmation: the readings so far."""
+class Confirmation(LoadedReadings):
+    """State of a confirmation."""
 
-    settings: GraspSettings
-    bias: TactileBias
     expected: Expectation
-    stamp: float = -np.inf
-    pads: tuple[Array, ...] = ()
-    openings: tuple[float, ...] = ()
 
 
 @skill
@@ -111,7 +105,7 @@ def confirm(reading: HandReading, state: Confirmation) -> Confirmation | Outcome
     than planned), TACTILE_FAULT (a pad's readings are constant), those of `validate_reading`.
     """
     refuse(validate_reading(reading))
-    after = _with(reading, state)
+    after = state.after(reading)
     if after is state or len(after.pads) < CONFIRM_READINGS:
         return after
     refuse(dead_pad(reading.tactile.side, np.array(after.pads), after.settings))
@@ -167,18 +161,10 @@ def _evaluate(reading: HandReading, state: Confirmation) -> Outcome[Held]:
 
 
 @dataclass(frozen=True, eq=False)
-class LiftCheck:
-    """State of a lift check: the readings so far. held: the grasp that was confirmed before the lift."""
+class LiftCheck(LoadedReadings):
+    """State of a lift check. held: the grasp that was confirmed before the lift."""
 
-    settings: GraspSettings
-    bias: TactileBias
     held: Held
-    stamp: float = -np.inf
-    pads: tuple[Array, ...] = ()
-    openings: tuple[float, ...] = ()
-
-
-Readings = TypeVar("Readings", Confirmation, LiftCheck)
 
 
 @skill
@@ -189,7 +175,7 @@ def check_lift(reading: HandReading, state: LiftCheck) -> LiftCheck | Outcome[He
     """
     s = state.settings
     refuse(validate_reading(reading))
-    after = _with(reading, state)
+    after = state.after(reading)
     if after is state or len(after.pads) < CONFIRM_READINGS:
         return after
     force, opening = float(np.mean(after.pads, axis=0).min()), float(np.mean(after.openings))
@@ -204,16 +190,4 @@ def check_lift(reading: HandReading, state: LiftCheck) -> LiftCheck | Outcome[He
             "grasp lower or further in",
             {"force_n": force, "opening_m": opening, "kept_force": force_ratio, "kept_opening": opening_ratio},
         )
-    )
-
-
-def _with(reading: HandReading, state: Readings) -> Readings:
-    """Return the state with a reading, or the same state if the sensor has sent none since the last tick."""
-    if reading.tactile.stamp <= state.stamp:
-        return state
-    return replace(
-        state,
-        stamp=reading.tactile.stamp,
-        pads=(*state.pads, state.bias.pads(reading)),
-        openings=(*state.openings, reading.gripper.opening),
     )

@@ -15,7 +15,7 @@ import numpy as np
 
 from foldcell.skills.grasping.hand_reading import HandReading, validate_reading
 from foldcell.skills.grasping.settings import GraspSettings
-from foldcell.skills.grasping.tare import TARE_READINGS, TactileBias
+from foldcell.skills.grasping.tare import TARE_READINGS, LoadedReadings, TactileBias
 from foldcell.skills.vocabulary import Array, Failure, FailureKind, Outcome, refuse, skill
 
 __all__ = ["Clear", "DragWatch", "StuckCheck", "check_stuck", "watch_drag"]
@@ -45,13 +45,8 @@ class Clear:
 
 
 @dataclass(frozen=True, eq=False)
-class StuckCheck:
-    """State of the check. bias: the tactile bias that was measured before the grasp."""
-
-    settings: GraspSettings
-    bias: TactileBias
-    stamp: float = -np.inf
-    pads: tuple[Array, ...] = ()
+class StuckCheck(LoadedReadings):
+    """State of the check."""
 
 
 @skill
@@ -61,7 +56,7 @@ def check_stuck(reading: HandReading, state: StuckCheck) -> StuckCheck | Outcome
     Failures: STUCK_ON_FINGER, those of `validate_reading`.
     """
     refuse(validate_reading(reading))
-    state = _with(reading, state)
+    state = state.after(reading)
     if len(state.pads) < STUCK_READINGS:
         return state
     return _judged(reading, state, np.array(state.pads))
@@ -85,14 +80,14 @@ def watch_drag(reading: HandReading, state: DragWatch) -> DragWatch | Failure:
     """
     if validate_reading(reading) is not None:
         return state
-    check = _with(reading, state.check)
+    check = state.check.after(reading)
     if len(check.pads) < STUCK_READINGS:
         return DragWatch(check, state.first)
     if state.first is None:
         bias = replace(check.bias, stamp=reading.stamp)
-        return DragWatch(replace(check, bias=bias, pads=()), np.mean(check.pads, axis=0))
+        return DragWatch(replace(check, bias=bias, pads=(), openings=()), np.mean(check.pads, axis=0))
     if len(check.pads) > STUCK_READINGS:
-        check = replace(check, pads=check.pads[-STUCK_READINGS:])
+        check = replace(check, pads=check.pads[-STUCK_READINGS:], openings=())
     forces = np.array(check.pads)
     for readings in (QUICK, STUCK_READINGS):  # a strong pull at once, a light one after more readings
         latest = forces[-readings:]
@@ -107,13 +102,6 @@ def _lasting(forces: Array) -> bool:
     forces: (k, 2) on the pads [N]."""
     loaded = forces[:, int(forces.mean(axis=0).argmax())]
     return bool(np.median(loaded) > 0.5 * loaded.mean())
-
-
-def _with(reading: HandReading, state: StuckCheck) -> StuckCheck:
-    """Return the check with a reading, unless the sensor has sent none since the last tick."""
-    if reading.tactile.stamp <= state.stamp:
-        return state
-    return replace(state, stamp=reading.tactile.stamp, pads=(*state.pads, state.bias.pads(reading)))
 
 
 def _judged(

@@ -7,7 +7,8 @@ noise estimate of all cells so much that cloth that loads a finger with 3 N woul
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from foldcell.skills.grasping.live_pads import dead_pad
 from foldcell.skills.grasping.settings import GraspSettings
 from foldcell.skills.vocabulary import Array, Outcome, frozen, refuse, skill
 
-__all__ = ["TactileBias", "TareState", "tare"]
+__all__ = ["LoadedReadings", "TactileBias", "TareState", "tare"]
 
 TARE_READINGS = 12
 """Number of tactile readings averaged into the bias."""
@@ -52,6 +53,30 @@ class TactileBias:
     def pad_noise(self) -> float:
         """Standard deviation of one reading of a pad's sum [N]."""
         return self.cell_noise * float(np.sqrt(self.cells[0].size))
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedReadings:
+    """State of a check: the readings since it began. bias: from the tare before the grasp. stamp: of the latest
+    reading [s]. pads: (2,) forces on both pads, for each reading [N]; openings: of the pads, for each reading
+    [m]."""
+
+    settings: GraspSettings
+    bias: TactileBias
+    stamp: float = field(default=-np.inf, kw_only=True)
+    pads: tuple[Array, ...] = field(default=(), kw_only=True)
+    openings: tuple[float, ...] = field(default=(), kw_only=True)
+
+    def after(self, reading: HandReading) -> Self:
+        """Return the state with a reading, or the same state if the sensor has sent none since the last tick."""
+        if reading.tactile.stamp <= self.stamp:
+            return self
+        return replace(
+            self,
+            stamp=reading.tactile.stamp,
+            pads=(*self.pads, self.bias.pads(reading)),
+            openings=(*self.openings, reading.gripper.opening),
+        )
 
 
 @dataclass(frozen=True, eq=False)

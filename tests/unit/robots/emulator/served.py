@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from foldcell.robots.baxter.emulator import Emulator
+from foldcell.robots.baxter.emulator.emulator import Emulator
 from foldcell.robots.baxter.emulator.initial_state import NEW
 from foldcell.robots.baxter.ros import topics
 from foldcell.robots.baxter.ros.messages import load_messages
