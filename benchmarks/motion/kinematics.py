@@ -17,8 +17,7 @@ from scipy.optimize import least_squares
 from benchmarks.motion.peers import jacobian
 from foldcell.robots.baxter.names import JOINT_NAMES
 from foldcell.robots.baxter.robot import DESCRIPTION
-from foldcell.robots.bullet.body import joint_map, pb
-from foldcell.robots.bullet.suppress_output import suppress_output
+from foldcell.robots.bullet import joint_map, pb, suppress_output
 from foldcell.robots.model import RobotModel
 from foldcell.robots.ports import Array, Side, arm_slice
 from foldcell.robots.urdf.converted import moving_urdf

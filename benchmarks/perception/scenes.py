@@ -26,7 +26,7 @@ from foldcell.cell.simulation.garment.fabric import garment_uv, table_texture
 from foldcell.cell.simulation.noise import load_noise
 from foldcell.cell.simulation.settings import DEFAULT_TABLE
 from foldcell.robots.baxter.robot import FLOOR, MOUNT
-from foldcell.robots.bullet.body import pb
+from foldcell.robots.bullet import pb
 from foldcell.robots.depth_averaging import EXPOSURES
 from foldcell.robots.errors import ConfigurationError
 from foldcell.robots.ports import Array, CameraFrame

@@ -34,7 +34,7 @@ from foldcell.skills.vocabulary import Table
 if TYPE_CHECKING:
     from foldcell.skills.cloth.pinch import PadGeometry
     from foldcell.skills.grasping.settings import GraspSettings
-    from foldcell.skills.perception.inspection.claim_settings import ClaimSettings
+    from foldcell.skills.perception.inspection.claim import ClaimSettings
     from foldcell.skills.perception.inspection.inspect import InspectionSettings
     from foldcell.skills.perception.settings import PerceptionSettings
 
@@ -330,7 +330,7 @@ class InspectionConfig(_Group):
 
     def claim_settings(self) -> ClaimSettings:
         """Limits and errors of the claim that the garment is folded."""
-        from foldcell.skills.perception.inspection.claim_settings import ClaimSettings
+        from foldcell.skills.perception.inspection.claim import ClaimSettings
 
         return ClaimSettings(
             iou=self.claim_iou,

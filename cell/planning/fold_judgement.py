@@ -12,7 +12,7 @@ from foldcell.robots.ports import Array
 from foldcell.skills.cloth.predict import FoldPrediction
 from foldcell.skills.fold_plan.folding import fold_xy
 from foldcell.skills.garments.garment import Garment
-from foldcell.skills.perception.inspection.claim_settings import ClaimSettings
+from foldcell.skills.perception.inspection.claim import ClaimSettings
 from foldcell.skills.scoring.score import named_edge_pairs
 from foldcell.skills.scoring.verdict import Score, ScoreLimits
 from foldcell.skills.trajectory.search.acceptance import judge_prediction

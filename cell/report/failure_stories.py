@@ -18,7 +18,7 @@ from foldcell.cell.states.transition_table import Effect, Event
 from foldcell.cell.support.files.encoded_picture import shrunk
 from foldcell.robots.errors import Failure
 from foldcell.robots.ports import Array, CameraFrame
-from foldcell.skills.fold_figures.outline import outline
+from foldcell.skills.fold_figures.drawn_mesh import outline
 from foldcell.skills.vocabulary import CameraCalibration
 
 __all__ = ["FailureStories", "FailureStory", "Scene"]

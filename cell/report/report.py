@@ -32,7 +32,7 @@ from foldcell.cell.states.run_context import RunContext
 from foldcell.cell.states.stages import FoldNote
 from foldcell.cell.support.files.encoded_picture import shrunk
 from foldcell.cell.support.files.whole_file import write_whole
-from foldcell.skills.fold_figures.outline import outline
+from foldcell.skills.fold_figures.drawn_mesh import outline
 from foldcell.skills.vocabulary import CameraCalibration
 
 __all__ = ["TrueFrame", "report"]

@@ -28,7 +28,7 @@ from foldcell.cell.simulation.robot.arms import SimulatedRobot
 from foldcell.cell.simulation.settings import SimulationSettings
 from foldcell.cell.simulation.truth import GarmentTruth, Truth
 from foldcell.cell.simulation.world_camera import WorldCamera
-from foldcell.robots.bullet.body import pb
+from foldcell.robots.bullet import pb
 from foldcell.robots.depth_averaging import EVERY_S, EXPOSURES
 from foldcell.robots.errors import DriverError, FailureKind
 from foldcell.robots.ports import BoardPlace, CameraFrame, Side, frozen

@@ -12,8 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from foldcell.robots.bullet.body import base_pose, joint_map, pb
-from foldcell.robots.bullet.suppress_output import suppress_output
+from foldcell.robots.bullet import base_pose, joint_map, pb, suppress_output
 from foldcell.robots.ports import Array, Side
 from foldcell.robots.urdf.description import RobotDescription
 from foldcell.robots.urdf.elements import neighbours

@@ -6,7 +6,7 @@ from foldcell.cell.report.camera_pictures.projected_drawing import Picture, Proj
 from foldcell.cell.report.camera_pictures.question_picture import ARCS, EXPECTED
 from foldcell.cell.states.stages import Attempt
 from foldcell.robots.ports import Array, CameraFrame
-from foldcell.skills.fold_figures.outline import outline
+from foldcell.skills.fold_figures.drawn_mesh import outline
 from foldcell.skills.vocabulary import CameraCalibration
 
 __all__ = ["draw_live"]

@@ -18,7 +18,7 @@ from foldcell.cell.support.files.encoded_picture import jpeg_file
 from foldcell.cell.support.files.whole_file import write_whole
 from foldcell.robots.errors import StorageError
 from foldcell.robots.ports import Array, CameraFrame, Side
-from foldcell.skills.fold_figures.outline import outline
+from foldcell.skills.fold_figures.drawn_mesh import outline
 from foldcell.skills.fold_plan.folding import fold_xy
 from foldcell.skills.vocabulary import CameraCalibration, PredictedShape
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from foldcell.cell.report.pictures.mesh_raster import Canvas, Lens, Mesh, draw_mesh
 from foldcell.robots.ports import Array
-from foldcell.skills.fold_figures.vertex_normals import vertex_normals
+from foldcell.skills.fold_figures.drawn_mesh import vertex_normals
 from foldcell.skills.vocabulary import Table
 
 __all__ = ["RobotMesh", "Surroundings", "robot_mesh"]

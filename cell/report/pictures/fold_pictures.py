@@ -23,7 +23,7 @@ from foldcell.cell.report.pictures.cloth_raster import (
     raster_shadow,
 )
 from foldcell.robots.ports import Array, Side
-from foldcell.skills.fold_figures.vertex_normals import vertex_normals
+from foldcell.skills.fold_figures.drawn_mesh import vertex_normals
 from foldcell.skills.vocabulary import Table
 
 __all__ = [

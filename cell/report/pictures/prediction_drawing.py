@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from foldcell.cell.planning.plan_prediction import PredictedFold
 from foldcell.cell.report.pictures.fold_pictures import KeyFrame, Scenery, draw_frame, join, motion_view
 from foldcell.robots.ports import Array
-from foldcell.skills.fold_figures.outline import outline
+from foldcell.skills.fold_figures.drawn_mesh import outline
 from foldcell.skills.vocabulary import Table
 
 __all__ = ["draw_predictions"]

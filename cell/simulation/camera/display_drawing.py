@@ -12,7 +12,7 @@ import numpy as np
 from foldcell.cell.report.pictures.bare_cell import Surroundings, robot_mesh
 from foldcell.cell.report.pictures.mesh_raster import Canvas, Lens, Mesh, draw_mesh
 from foldcell.cell.simulation.camera.render_server import FLOOR_RGB, NEAR, Picture, Scene, Shot
-from foldcell.skills.fold_figures.vertex_normals import vertex_normals
+from foldcell.skills.fold_figures.drawn_mesh import vertex_normals
 from foldcell.skills.vocabulary import Array
 
 __all__ = ["DisplayDrawing"]

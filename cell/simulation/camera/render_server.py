@@ -20,11 +20,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from foldcell.robots.bullet.suppress_output import suppress_output
+from foldcell.robots.bullet import pb
 from foldcell.skills.vocabulary import Array, Table
-
-with suppress_output():  # PyBullet prints its build time
-    import pybullet as pb
 
 __all__ = ["Picture", "Scene", "Shot", "main"]
 

@@ -19,7 +19,7 @@ from foldcell.cell.support.files.encoded_picture import jpeg_file
 from foldcell.cell.view.entries import style
 from foldcell.cell.view.entries.entry import Entry, Log
 from foldcell.robots.ports import Array, CameraFrame, Side, arm_slice
-from foldcell.skills.fold_figures.vertex_normals import vertex_normals
+from foldcell.skills.fold_figures.drawn_mesh import vertex_normals
 from foldcell.skills.perception.rectification.table_view import TableView
 from foldcell.skills.vocabulary import CameraCalibration, FoldStep, GarmentState, GraspId, PredictedShape, Table
 

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from foldcell.robots.ports import Array
-from foldcell.skills.perception.inspection.claim import Claim
-from foldcell.skills.perception.inspection.claim_settings import ClaimSettings
+from foldcell.skills.perception.inspection.claim import Claim, ClaimSettings
 from foldcell.skills.perception.inspection.diagnosis import beyond_limits
 from foldcell.skills.perception.inspection.height_expectation import (
     CameraBias,

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from foldcell.skills.perception.inspection.claim_settings import ClaimSettings
+from foldcell.skills.perception.inspection.claim import ClaimSettings
 from foldcell.skills.perception.inspection.target_view import StackHeights
 from foldcell.skills.vocabulary import Array, frozen
 

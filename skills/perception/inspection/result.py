@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from foldcell.robots.ports import Array
-from foldcell.skills.perception.inspection.claim_settings import ClaimSettings
+from foldcell.skills.perception.inspection.claim import ClaimSettings
 from foldcell.skills.perception.inspection.moved_edge import MovedEdge
 from foldcell.skills.perception.inspection.target_view import TargetView
 from foldcell.skills.perception.rectification.table_view import TableView

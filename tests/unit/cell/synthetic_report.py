@@ -11,7 +11,7 @@ from foldcell.cell.report.page import FoldPictures, ReportPictures
 from foldcell.cell.report.pictures.film import CaptionedPicture
 from foldcell.cell.report.pictures.fold_pictures import KeyFrame, Scenery, fold_strip, motion_view
 from foldcell.robots.errors import FailureKind
-from foldcell.skills.fold_figures.outline import outline
+from foldcell.skills.fold_figures.drawn_mesh import outline
 from tests.builders.records import run_record, score_record
 
 LIMITS = {

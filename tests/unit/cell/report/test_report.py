@@ -46,7 +46,7 @@ from foldcell.cell.states.run_context import RunContext
 from foldcell.cell.states.transition_table import State
 from foldcell.robots.errors import FailureKind, StorageError
 from foldcell.robots.ports import Side
-from foldcell.skills.fold_figures.outline import outline
+from foldcell.skills.fold_figures.drawn_mesh import outline
 from tests.builders.records import run_record, score_record
 from tests.inspections import a_claim
 

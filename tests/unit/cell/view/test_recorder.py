@@ -34,7 +34,7 @@ from foldcell.cell.view.entries.robot import RobotFigure
 from foldcell.cell.view.recorder import Recorder
 from foldcell.robots.baxter.robot import ROBOT, load_model
 from foldcell.robots.ports import JointState, Side
-from foldcell.skills.fold_figures.vertex_normals import vertex_normals
+from foldcell.skills.fold_figures.drawn_mesh import vertex_normals
 from foldcell.skills.vocabulary import PredictedShape
 
 

@@ -1,4 +1,4 @@
-"""The outline of a garment's mesh as seen from above."""
+"""What a picture of a garment's mesh needs: its outline as seen from above, and its normals."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from foldcell.robots.ports import Array
 
-__all__ = ["outline"]
+__all__ = ["outline", "vertex_normals"]
 
 OUTLINE_PIXEL = 0.001
 """Outlines are traced in pixels of this size on the table [m]."""
@@ -25,3 +25,14 @@ def outline(vertices: Array, triangles: NDArray[np.integer]) -> list[Array]:
     contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     smooth = [cv2.approxPolyDP(c, 1.0, True)[:, 0, :] for c in sorted(contours, key=cv2.contourArea, reverse=True)]
     return [c * OUTLINE_PIXEL + low for c in smooth if len(c) >= 3]
+
+
+def vertex_normals(vertices: Array, triangles: NDArray[np.integer]) -> Array:
+    """Return the unit normals (n, 3) at the vertices (n, 3), weighted by the areas of the triangles (m, 3)."""
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    face = np.cross(b - a, c - a)
+    normal = np.zeros_like(vertices)
+    for axis in range(3):
+        for k in range(3):
+            normal[:, axis] += np.bincount(triangles[:, k], face[:, axis], len(vertices))
+    return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)

@@ -1,1 +1,0 @@
-"""A robot's body in PyBullet, described by its URDF."""
