@@ -13,7 +13,7 @@ __all__ = ["Claim", "ClaimSettings", "claim_to_dict"]
 
 @dataclass(frozen=True, kw_only=True)
 class ClaimSettings:
-    """Limits and uncertainties of the claim, from the group `inspection` of the cell's settings. Lengths [m], angles
+    """Limits and errors of the claim, from the group `inspection` of the cell's settings. Lengths [m], angles
     [rad]. The sigmas are standard deviations.
 
     The limits are those of the score. How far a figure has to be from its limit follows from its error
