@@ -380,10 +380,8 @@ def _split_chords(points: Array, tri: Index, n_border: int, polygon: shapely.Pol
 
 
 def _drop_unused(points: Array, tri: Index) -> tuple[Array, Index]:
-    used = np.unique(tri)
-    index = np.full(len(points), -1, dtype=np.int32)
-    index[used] = np.arange(len(used), dtype=np.int32)
-    return points[used], index[tri]
+    used, index = np.unique(tri, return_inverse=True)
+    return points[used], index.reshape(tri.shape).astype(np.int32)
 
 
 def _layered(points: Array, tri: Index, layers: int) -> ClothMesh:

@@ -53,10 +53,7 @@ class FoldedPoints:
 
 def fold_xy(lines: Sequence[FoldLine], xy: Array) -> Array:
     """Fold material points (..., 2) along the lines, in order, and return their positions (..., 2) [m]."""
-    p = np.array(xy, dtype=float)
-    for line in lines:
-        p = np.where((line.signed_distance(p) > 0)[..., None], line.reflect(p), p)
-    return p
+    return _trace(lines, xy)[0]
 
 
 def fold_points(
@@ -78,7 +75,7 @@ def fold_points(
     positions, moved = _trace(lines, xy)
     layers = np.zeros(len(xy), dtype=np.int64)
     pieces = _pieces(lines, polygon)
-    keys = [tuple(row) for row in moved]
+    keys = [tuple(by_line[i] for by_line in moved) for i in range(len(xy))]
     for own in set(keys):
         here = np.array([k == own for k in keys])
         for other, region in pieces.items():
@@ -193,12 +190,12 @@ def _polygon(outline: Array) -> shapely.Geometry:
     return shapely.make_valid(shapely.Polygon(outline))
 
 
-def _trace(lines: Sequence[FoldLine], xy: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the positions (n, 2) after the folds, and (n, folds) whether each fold moved each point."""
-    p, moved = xy.copy(), np.zeros((len(xy), len(lines)), dtype=bool)
-    for i, line in enumerate(lines):
-        moved[:, i] = line.signed_distance(p) > 0
-        p = np.where(moved[:, i, None], line.reflect(p), p)
+def _trace(lines: Sequence[FoldLine], xy: Array) -> tuple[Array, list[NDArray[np.bool_]]]:
+    """Return the positions (..., 2) after the folds, and for each fold whether it moved each point (...)."""
+    p, moved = np.array(xy, dtype=float), []
+    for line in lines:
+        moved.append(line.signed_distance(p) > 0)
+        p = np.where(moved[-1][..., None], line.reflect(p), p)
     return p, moved
 
 

@@ -44,7 +44,8 @@ QUARTER = line(0.0, 0.0, 0.0)  # the left half (y > 0) moves
 @settings(max_examples=60)
 def test_distances_are_kept_within_pieces_and_never_grow(folds: list[FoldLine], seed: int) -> None:
     points = np.random.default_rng(seed).uniform(-0.3, 0.3, (30, 2))
-    folded, moved = folding._trace(folds, points)
+    folded, by_line = folding._trace(folds, points)
+    moved = np.column_stack(by_line)
     before = np.linalg.norm(points[:, None] - points, axis=-1)
     after = np.linalg.norm(folded[:, None] - folded, axis=-1)
     together = (moved[:, None] == moved).all(axis=-1)
