@@ -124,6 +124,6 @@ def test_a_killed_campaign_keeps_the_results_of_finished_scripts(tmp_path: Path)
 def test_a_closed_output_pipe_does_not_change_the_exit_code(tmp_path: Path) -> None:
     bad = tmp_path / "stopped.yaml"
     bad.write_text(STOPPED, encoding="utf-8")
-    hil = f"{sys.executable} -m foldcell.cell.commands.main hil {bad} {bad} --logs {tmp_path / 'logs'}"
+    hil = f"{sys.executable} -m foldcell.cell.commands.main hil {bad} --logs {tmp_path / 'logs'}"
     line = f"{hil} | true; exit ${{PIPESTATUS[0]}}"
     assert subprocess.run(["bash", "-c", line], stderr=subprocess.DEVNULL).returncode == 2

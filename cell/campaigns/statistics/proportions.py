@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import comb, sqrt
 
 __all__ = ["bootstrap_median", "mcnemar_exact", "wilson_interval"]
 
+Z_95 = 1.959963984540054
+"""Quantile of the standard normal distribution that leaves 2.5 % above it."""
 RESAMPLES = 9999
 BLOCK = 1_000_000
 """Largest number of values that are drawn at a time, which limits the memory."""
@@ -16,22 +19,20 @@ SEED = 20_150_928
 def wilson_interval(successes: int, runs: int) -> tuple[float, float]:
     """Return the 95 % confidence interval of a proportion (Wilson 1927). It is also accurate near 0 and 1, and for
     few runs."""
-    from scipy.stats import binomtest
-
     if runs == 0:
         return 0.0, 1.0
-    interval = binomtest(successes, runs).proportion_ci(0.95, "wilson")
-    return float(interval.low), float(interval.high)
+    share, z2 = successes / runs, Z_95**2 / runs
+    half = sqrt(z2 * (share * (1.0 - share) + z2 / 4.0))
+    low, high = ((share + z2 / 2.0 + sign * half) / (1.0 + z2) for sign in (-1.0, 1.0))
+    return max(low, 0.0) if successes else 0.0, min(high, 1.0) if successes < runs else 1.0
 
 
 def mcnemar_exact(only_first: int, only_second: int) -> float:
     """Return the two-sided p-value of McNemar's exact test. Of the pairs with different results, `only_first`
     succeeded only in the first variant and `only_second` only in the second. Returns 1 if there are no such
     pairs."""
-    from scipy.stats import binomtest
-
-    pairs = only_first + only_second
-    return float(binomtest(only_first, pairs, 0.5).pvalue) if pairs else 1.0
+    pairs, fewer = only_first + only_second, min(only_first, only_second)
+    return min(1.0, sum(comb(pairs, k) for k in range(fewer + 1)) * 2 / 2**pairs)
 
 
 def bootstrap_median(values: Sequence[float]) -> tuple[float, float] | None:

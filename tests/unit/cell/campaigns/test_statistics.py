@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import comb
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.stats import binomtest
 
 from foldcell.cell.campaigns.statistics.comparison import compare_trials
 from foldcell.cell.campaigns.statistics.proportions import bootstrap_median, mcnemar_exact, wilson_interval
@@ -31,10 +31,12 @@ def test_no_runs_leave_every_rate_possible() -> None:
     assert wilson_interval(0, 0) == (0.0, 1.0)
 
 
-@given(st.integers(0, 30), st.integers(0, 30))
-def test_mcnemars_p_value_is_twice_the_smaller_binomial_tail(b: int, c: int) -> None:
-    tail = sum(comb(b + c, k) for k in range(min(b, c) + 1)) / 2.0 ** (b + c)
-    assert mcnemar_exact(b, c) == pytest.approx(min(1.0, 2.0 * tail), rel=1e-9)
+@given(st.integers(0, 300), st.integers(0, 300))
+def test_interval_and_p_value_are_those_of_scipy(b: int, c: int) -> None:
+    peer = binomtest(b, b + c) if b + c else None
+    interval = peer.proportion_ci(0.95, "wilson") if peer else (0.0, 1.0)
+    assert wilson_interval(b, b + c) == pytest.approx(tuple(interval), rel=1e-9, abs=1e-12)
+    assert mcnemar_exact(b, c) == pytest.approx(peer.pvalue if peer else 1.0, rel=1e-9)
 
 
 def test_the_bootstrap_interval_covers_the_median_as_often_as_it_claims() -> None:
