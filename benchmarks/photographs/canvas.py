@@ -51,11 +51,12 @@ def fixed(points: Points) -> NDArray[np.int32]:
     return np.round(points * 16).astype(np.int32)
 
 
-def under(camera: Camera, pixels: int = 1300) -> Canvas:
-    """The canvas that holds all that the camera sees. pixels: along its longer side, at most."""
+def under(camera: Camera, pixels: int = 1300, finest: float = 0.0008) -> Canvas:
+    """The canvas that holds all that the camera sees. pixels: along its longer side, at most.
+    finest [m]: smallest size of a pixel."""
     seen = footprint(camera)
     low, high = seen.min(axis=0) - 0.02, seen.max(axis=0) + 0.02
-    pixel = max(float((high - low).max()) / pixels, 0.0008)
+    pixel = max(float((high - low).max()) / pixels, finest)
     rows, columns = np.ceil((high - low) / pixel).astype(int)
     return Canvas((float(high[0]), float(high[1])), pixel, (int(rows), int(columns)))
 

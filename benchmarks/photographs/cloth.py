@@ -8,7 +8,6 @@ import numpy as np
 from benchmarks.photographs.canvas import Canvas
 from benchmarks.photographs.noise import Field, smooth, turned
 from benchmarks.photographs.outline import Points
-from benchmarks.photographs.shapes import Garment
 
 Colour = Field
 """(3,) blue, green, red; 0 to 1."""
@@ -109,44 +108,6 @@ def inwards(line: Points, middle: Points, inset: float) -> Points:
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
     sign = np.sign(np.sum((middle - line.mean(axis=0)) * normal.mean(axis=0)))
     return np.asarray(line + sign * inset * normal)
-
-
-def dress(
-    rng: np.random.Generator,
-    canvas: Canvas,
-    garment: Garment,
-    mask: Field,
-    main: Colour,
-    angle: float,
-    light: Points,
-) -> tuple[str, Field]:
-    """Name of the pattern and the lit colours of the garment, which lies on the table as it is given."""
-    middle = garment.outline.mean(axis=0)
-    kind, colours = pattern(rng, canvas, main, middle, angle)
-    if garment.inside is not None:
-        colours *= 1 - 0.35 * canvas.mask(garment.inside)[..., None]
-        label = garment.inside.mean(axis=0) + np.array(
-            [[0.006, -0.015], [0.006, 0.015], [-0.006, 0.015], [-0.006, -0.015]]
-        )
-        if rng.random() < 0.6:
-            colours = over(colours, canvas.mask(label), np.float32([0.85, 0.85, 0.85]))
-    thread = np.asarray(np.clip(main * rng.choice([0.6, 1.5]), 0.0, 0.95), np.float32)
-    for hem in garment.hems:
-        colours = over(colours, 0.6 * canvas.line(inwards(hem, middle, rng.uniform(0.012, 0.022)), 0.0015), thread)
-    for seam in garment.seams:
-        colours = over(colours, 0.7 * canvas.line(seam, 0.002), main * 0.6)
-    if garment.placket is not None:
-        colours = over(colours, 0.6 * canvas.line(garment.placket, 0.003), main * 0.6)
-        for t in np.linspace(0.1, 0.95, 7):
-            button = garment.placket[0] * (1 - t) + garment.placket[1] * t
-            ring = 0.006 * np.column_stack([np.cos(np.linspace(0, 6.3, 16)), np.sin(np.linspace(0, 6.3, 16))])
-            colours = over(colours, canvas.mask(button + ring), np.float32([0.8, 0.82, 0.85]))
-    weave = smooth(rng, canvas.shape, (1.5, 1.5)) * rng.uniform(0.01, 0.035)
-    shade = rng.uniform(0.02, 0.07) * relief(wrinkles(rng, canvas), canvas, light)
-    # The border is as thick as a hem: it is bright towards the light and dark on the other side.
-    rim = relief(cv2.GaussianBlur(mask, (0, 0), 0.003 / canvas.pixel), canvas, light)
-    factor = 1 + weave + np.clip(shade, -0.25, 0.25) - np.clip(0.03 * rim, -0.12, 0.12)
-    return kind, colours * factor[..., None] + 0.01
 
 
 def over(below: Field, cover: Field, colour: Colour) -> Field:

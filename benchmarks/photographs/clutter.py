@@ -65,10 +65,13 @@ def tape(rng: np.random.Generator, canvas: Canvas, at: Points) -> Parts:
     return [(canvas.line(ring, 0.014), np.float32(rng.uniform(0.3, 0.8, 3)), 0.02)]
 
 
-THINGS: tuple[Callable[[np.random.Generator, Canvas, Points], Parts], ...] = (cup, pen, cable, box, tape)
+Making = Callable[[np.random.Generator, Canvas, Points], Parts]
+THINGS: tuple[Making, ...] = (cup, pen, cable, box, tape)
 
 
-def scatter(rng: np.random.Generator, canvas: Canvas, camera: Camera, garment: Field) -> list[Parts]:
+def scatter(
+    rng: np.random.Generator, canvas: Canvas, camera: Camera, garment: Field, things: tuple[Making, ...] = THINGS
+) -> list[Parts]:
     """Up to four things near the border of the picture."""
     border = footprint(camera)
     reach = round(GAP / canvas.pixel)
@@ -78,7 +81,7 @@ def scatter(rng: np.random.Generator, canvas: Canvas, camera: Camera, garment: F
     for _ in range(int(rng.choice(5, p=[0.3, 0.25, 0.2, 0.15, 0.1]))):
         for _ in range(6):  # a thing that finds no place is left out
             at = border[rng.integers(len(border))] + rng.normal(0, 0.05, 2)
-            thing = THINGS[rng.integers(len(THINGS))](rng, canvas, at)
+            thing = things[rng.integers(len(things))](rng, canvas, at)
             cover = np.max([part[0] for part in thing], axis=0) > 0
             if cover.any() and not (cover & forbidden).any():
                 forbidden |= cv2.dilate(cover.astype(np.uint8), kernel) > 0

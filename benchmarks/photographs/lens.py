@@ -23,6 +23,8 @@ class Camera:
     position: tuple[float, float, float]
     target: tuple[float, float, float]
     k1: float = 0.0
+    roll_deg: float = 0.0
+    """Of the camera about its axis, clockwise."""
 
     @property
     def focal(self) -> float:
@@ -36,7 +38,8 @@ class Camera:
         far = np.array([1.0, 0.0, 0.0])
         up = far - far @ forward * forward
         up /= np.linalg.norm(up)
-        return np.array([np.cross(forward, up), -up, forward])
+        right, c, s = np.cross(forward, up), np.cos(np.radians(self.roll_deg)), np.sin(np.radians(self.roll_deg))
+        return np.array([c * right - s * up, -c * up - s * right, forward])
 
     @property
     def homography(self) -> Points:

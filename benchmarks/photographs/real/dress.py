@@ -23,13 +23,13 @@ def dress(
     kind, colours = pattern(rng, canvas, main, middle, angle)
     words = [kind]
     if lying.category in ("t_shirt", "long_sleeve_shirt") and rng.random() < 0.35:
-        word, cover = _zone(rng, canvas, lying, mask, angle)
+        word, cover = zone(rng, canvas, lying, mask, angle)
         second = np.clip(main * rng.uniform(0.35, 1.7) + rng.normal(0, 0.15, 3), 0.04, 0.93).astype(np.float32)
         colours, words = over(colours, cover, second), [*words, word]
     if lying.category in SHIRTS and rng.random() < 0.35:
         word, colours = _print(rng, canvas, lying, colours, middle, angle)
         words.append(word)
-    colours = _sewing(rng, canvas, lying, colours, main, middle)
+    colours = sewing(rng, canvas, lying, colours, main, middle)
     weave = smooth(rng, canvas.shape, (1.5, 1.5)) * rng.uniform(0.008, 0.035)
     shade = rng.uniform(0.03, 0.09) * relief(wrinkles(rng, canvas), canvas, light)
     shade = shade + rng.uniform(0.0, 0.05) * relief(_long_folds(rng, canvas), canvas, light)
@@ -38,7 +38,7 @@ def dress(
     return words, np.asarray(colours * factor[..., None] + 0.01, np.float32)
 
 
-def _zone(rng: np.random.Generator, canvas: Canvas, lying: Flat, mask: Field, angle: float) -> tuple[str, Field]:
+def zone(rng: np.random.Generator, canvas: Canvas, lying: Flat, mask: Field, angle: float) -> tuple[str, Field]:
     """Part of a shirt that has another colour."""
     word = str(rng.choice(["yoke", "raglan", "sleeves", "bands"]))
     points = lying.keypoints
@@ -119,13 +119,13 @@ def _print(
     return word, colours
 
 
-def _sewing(
+def sewing(
     rng: np.random.Generator, canvas: Canvas, lying: Flat, colours: Field, main: Colour, middle: Points
 ) -> Field:
     """Hems, seams, the neck with its label, collar, buttons, pockets, waistband."""
     points = lying.keypoints
     thread = np.asarray(np.clip(main * rng.choice([0.6, 1.4]), 0.0, 0.95), np.float32)
-    for first, last, inset in _hems(lying.category):
+    for first, last, inset in hems(lying.category):
         line = inwards(lying.arc(first, last), middle, rng.uniform(0.012, 0.025) if inset == 0 else inset)
         colours = over(colours, 0.6 * canvas.line(line, 0.0015), thread)
     if lying.category in ("t_shirt", "long_sleeve_shirt"):
@@ -187,7 +187,7 @@ def _collar(
     return colours
 
 
-def _hems(category: str) -> list[tuple[str, str, float]]:
+def hems(category: str) -> list[tuple[str, str, float]]:
     """First and last key point of each hem, and the stitching's distance from it [m], 0 for any."""
     if category in ("t_shirt", "long_sleeve_shirt"):
         cuffs = [(f"cuff_upper_{side}", f"cuff_lower_{side}", 0.0) for side in ("left", "right")]

@@ -80,7 +80,7 @@ class Flat:
 def bases() -> dict[str, Base]:
     """All outlines by name; those of real garments first."""
     found = {}
-    for file, read in (("traced.json", _traced), ("sewn.json", _sewn)):
+    for file, read in (("traced.json", _traced), ("sewn.json", sewn)):
         for name, entry in json.loads((Path(__file__).parent / file).read_text()).items():
             found[name] = read(name, entry)
     return found
@@ -102,11 +102,13 @@ def _measured() -> dict[str, Any]:
     return dict(json.loads((Path(real_outlines.__file__).parent / "outlines.json").read_text()))
 
 
-def _sewn(name: str, entry: Mapping[str, Any]) -> Base:
+def sewn(name: str, entry: Mapping[str, Any]) -> Base:
+    """An outline from its right half, and its left one where that is given, else mirrored."""
     half = entry["half_cm"]
+    other = entry.get("other_half_cm", half)
     sides = ("far", "near") if entry["category"] in ("pants", "shorts") else ("right", "left")
     points, corners, marks = [], [], {}
-    for side, sign, nodes in ((sides[0], 1, half), (sides[1], -1, half[-2:0:-1])):
+    for side, sign, nodes in ((sides[0], 1, half), (sides[1], -1, other[-2:0:-1])):
         for node in nodes:
             label, x, y = node[:3]
             if label:

@@ -14,13 +14,12 @@ from benchmarks.photographs.lens import Camera, expose, random_camera
 from benchmarks.photographs.light import ambient, cast_shadow, highlight, random_light
 from benchmarks.photographs.noise import Field
 from benchmarks.photographs.outline import Points
-from benchmarks.photographs.photograph import Photograph
+from benchmarks.photographs.photograph import Garment, Photograph
 from benchmarks.photographs.real import spoilt
 from benchmarks.photographs.real.dress import dress
 from benchmarks.photographs.real.grounds import GROUNDS, desk_edge, sun
 from benchmarks.photographs.real.outlines import Flat, bases, flat, warped
 from benchmarks.photographs.real.things import surround
-from benchmarks.photographs.shapes import Garment
 
 SIZES = ((1024, 768), (768, 1024), (1280, 960), (960, 1280), (800, 600), (1280, 720))
 MAX_TILT_DEG = 7.0
@@ -61,12 +60,12 @@ def draw(seed: int, canvas_pixels: int = 1300) -> Photograph:
     ground_kind = str(rng.choice(list(GROUNDS)))
     turn = float(np.radians(rng.normal(0, 5)) + (rng.integers(1, 4) * np.pi / 2 if rng.random() < 0.2 else 0.0))
     lying = place(_garment(rng, due), turn, np.array([0.6, 0.0]))
-    shapes = _stack(rng, due, lying)
-    other = _other(rng, lying) if due == "two" else None
+    shapes = stack(rng, due, lying)
+    other = other_garment(rng, lying) if due == "two" else None
     extent = np.vstack([*shapes, *([] if other is None else [other.outline])]) if due != "none" else lying.outline
     camera = _camera(rng, extent, ground_kind == "busy")
     if due == "cut":
-        camera = _moved_aside(rng, camera, extent)
+        camera = moved_aside(rng, camera, extent)
     canvas = under(camera, canvas_pixels)
     light = random_light(rng)
     ground = GROUNDS[ground_kind](rng, canvas)
@@ -118,11 +117,9 @@ def draw(seed: int, canvas_pixels: int = 1300) -> Photograph:
         category=lying.category,
         outline=lying.outline,
         keypoints=lying.keypoints if due is None else {},
-        hems=(),
-        seams=(),
     )
     clutter = np.max([np.zeros(canvas.shape, np.float32), *(p[0] for thing in things for p in thing)], axis=0)
-    return Photograph(seed, picture, None, garment, camera, False, stated, details, canvas, covered, clutter)
+    return Photograph(seed, picture, garment, camera, stated, details, canvas, covered, clutter)
 
 
 def place(whole: Flat, turn: float, at: Points) -> Flat:
@@ -166,7 +163,7 @@ def _garment(rng: np.random.Generator, due: str | None) -> Flat:
     return warped(rng, flat(chosen[rng.integers(len(chosen))], rng.uniform(0.002, 0.006)))
 
 
-def _stack(rng: np.random.Generator, due: str | None, lying: Flat) -> list[Points]:
+def stack(rng: np.random.Generator, due: str | None, lying: Flat) -> list[Points]:
     if due == "folded":
         return spoilt.folded_in_half(rng, lying)
     if due == "heap":
@@ -176,7 +173,7 @@ def _stack(rng: np.random.Generator, due: str | None, lying: Flat) -> list[Point
     return [lying.outline]
 
 
-def _other(rng: np.random.Generator, lying: Flat) -> Flat:
+def other_garment(rng: np.random.Generator, lying: Flat) -> Flat:
     """Another garment that lies partly under or over this one."""
     own = Polygon(lying.outline)
     while True:
@@ -194,7 +191,7 @@ def _camera(rng: np.random.Generator, extent: Points, wide: bool) -> Camera:
     return random_camera(rng, spread, abs(rng.normal(0, MAX_TILT_DEG / 2.5)), size)
 
 
-def _moved_aside(rng: np.random.Generator, camera: Camera, outline: Points) -> Camera:
+def moved_aside(rng: np.random.Generator, camera: Camera, outline: Points) -> Camera:
     """The camera moved until the picture's edge cuts off a part of the garment."""
     angle = rng.integers(4) * np.pi / 2 + rng.normal(0, 0.2)
     share = rng.uniform(0.05, 0.25)

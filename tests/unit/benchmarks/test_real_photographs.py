@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from shapely.geometry import Polygon
 
+from benchmarks.photographs import judge as judging
 from benchmarks.photographs.canvas import Canvas
-from benchmarks.photographs.real import judge as judging
+from benchmarks.photographs.judge import Judgement
 from benchmarks.photographs.real.grounds import GROUNDS
-from benchmarks.photographs.real.judge import Judgement
 from benchmarks.photographs.real.outlines import MOST, bases, flat, mirrored, warped
-from benchmarks.photographs.real.photograph import CATEGORIES, CAUSES, _other, draw, place, white_cloth
+from benchmarks.photographs.real.photograph import CATEGORIES, CAUSES, draw, other_garment, place, white_cloth
 from benchmarks.photographs.real.spoilt import bunched_sleeve, folded_in_half, heap
 from benchmarks.photographs.real.things import NEAR, surround
 from foldcell.cell.config.garments.garment_file import load_garment
@@ -95,11 +95,11 @@ def test_a_spoilt_garment_covers_less_of_the_ground_than_a_flat_one() -> None:
             assert 0.1 * area < covered.area < most * area, make.__name__
 
 
-def test_two_garments_always_lie_on_each_other() -> None:
+def test_two_garments_always_lie_on_eachother_garment() -> None:
     whole = place(flat(bases()["shirt_spread"]), 0.0, np.array([0.6, 0.0]))
     body = Polygon(whole.outline)
     for seed in range(12):
-        other = Polygon(_other(rng_of(seed), whole).outline)
+        other = Polygon(other_garment(rng_of(seed), whole).outline)
         assert body.intersection(other).area > 0.05 * body.area
 
 
@@ -120,7 +120,7 @@ def test_white_cloth_is_hard_to_tell_from_white_ground_but_not_impossible() -> N
 
 def test_every_category_has_an_outline_and_every_cause_a_true_reason() -> None:
     assert {base.category for base in bases().values()} == set(CATEGORIES)
-    assert set(CAUSES) == set(judging.TRUE_REASONS)
+    assert set(CAUSES) <= set(judging.TRUE_REASONS)
 
 
 def judgement(**given: object) -> Judgement:
