@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 
 from benchmarks.photographs import judge as judging
-from benchmarks.photographs.limits import held
 from benchmarks.photographs.phone.photograph import draw as draw_phone
 from benchmarks.photographs.photograph import Photograph
 from benchmarks.photographs.real.photograph import draw as draw_real
@@ -55,7 +54,7 @@ def main() -> int:
     for page in range(0, len(tiles), SHOWN):
         cv2.imwrite(str(args.out / f"sheet_{page // SHOWN + 1}.jpg"), sheet(tiles[page : page + SHOWN]))
     measured = judging.figures(judgements) if judgements else {}
-    return 0 if all(held(judging.LIMITS, name, measured[name]) for name in judging.LIMITS if judgements) else 1
+    return 0 if all(judging.held(name, measured[name]) for name in judging.LIMITS if judgements) else 1
 
 
 def save(folder: Path, photograph: Photograph) -> None:

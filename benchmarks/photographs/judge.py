@@ -6,6 +6,7 @@ most pictures, the garment. The limits were set before any result was looked at.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
@@ -14,7 +15,6 @@ from typing import Any
 import numpy as np
 
 import foldcell
-from benchmarks.photographs.limits import Limits, print_figures
 from benchmarks.photographs.outline import Points
 from benchmarks.photographs.photograph import Photograph
 from foldcell.robots.errors import FailureKind
@@ -23,7 +23,7 @@ NEAR = 0.02
 """All key points within this share of the garment's diagonal: right."""
 FAR = 0.06
 """A key point beyond this: a fold would be spoilt."""
-LIMITS: Limits = {
+LIMITS: Mapping[str, tuple[str, float]] = {
     "accepted_share": (">=", 0.95),
     "right_share_of_accepted": (">=", 0.95),
     "beyond_6_percent": ("<=", 0),
@@ -144,7 +144,7 @@ def figures(judgements: list[Judgement]) -> dict[str, float]:
 
 def report(judgements: list[Judgement]) -> None:
     """The figures beside their limits, and of parts of the pictures."""
-    print_figures(figures(judgements), LIMITS)
+    print_figures(figures(judgements))
     flat = [j for j in judgements if j.due is None]
     parts: dict[str, list[Judgement]] = {
         "garment stated": [j for j in flat if j.stated],
@@ -167,6 +167,22 @@ def report(judgements: list[Judgement]) -> None:
         print(
             f"{name:28}{len(part):8}{sum(not j.accepted for j in part):9}{sum(j.refused_as_due for j in part):22}"
         )
+
+
+def held(name: str, value: float) -> bool:
+    """Whether the limit is kept. A share of no pictures breaks none."""
+    relation, limit = LIMITS[name]
+    return math.isnan(value) or (value >= limit if relation == ">=" else value <= limit)
+
+
+def print_figures(measured: Mapping[str, float]) -> None:
+    width = max(map(len, measured)) + 2
+    for name, value in measured.items():
+        asked = ""
+        if name in LIMITS:
+            relation, bound = LIMITS[name]
+            asked = f"  (asked {relation} {bound}: {'held' if held(name, value) else 'MISSED'})"
+        print(f"{name:{width}}{value:9.3f}{asked}")
 
 
 def as_record(judgement: Judgement) -> dict[str, Any]:

@@ -26,7 +26,7 @@ class Garment:
 
 @dataclass(frozen=True, eq=False)
 class Photograph:
-    """picture: (rows, columns, 3) uint8, red first. mask: the cloth on the canvas; clutter: the things. stated:
+    """picture: (rows, columns, 3) uint8, red first. mask: the cloth on the canvas. stated:
     whether the perception may be told the garment."""
 
     seed: int
@@ -37,7 +37,6 @@ class Photograph:
     details: dict[str, Any]
     canvas: Canvas
     mask: Field
-    clutter: Field
 
     @property
     def truth(self) -> dict[str, Any]:

@@ -18,13 +18,8 @@ WOOD_PHOTOGRAPH = Path(pybullet_data.getDataPath()) / "table" / "table.png"
 def draw_table(rng: np.random.Generator, canvas: Canvas) -> tuple[str, Field]:
     """Name and colours of a table that fills the canvas."""
     kind = str(rng.choice(["wood photograph", "wood", "laminate", "cloth"], p=[0.30, 0.25, 0.25, 0.20]))
-    if kind == "wood photograph":
-        return kind, wood_photograph(rng, canvas)
-    if kind == "wood":
-        return kind, wood(rng, canvas)
-    if kind == "laminate":
-        return kind, laminate(rng, canvas)
-    return kind, table_cloth(rng, canvas)
+    drawing = {"wood photograph": wood_photograph, "wood": wood, "laminate": laminate, "cloth": table_cloth}[kind]
+    return kind, drawing(rng, canvas)
 
 
 def wood_photograph(rng: np.random.Generator, canvas: Canvas) -> Field:

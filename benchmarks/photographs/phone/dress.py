@@ -8,9 +8,8 @@ import numpy as np
 from benchmarks.photographs.canvas import Canvas
 from benchmarks.photographs.cloth import lab, over
 from benchmarks.photographs.noise import Field, smooth
-from benchmarks.photographs.outline import Points
 from benchmarks.photographs.phone.grounds import linear
-from benchmarks.photographs.real.dress import hems, sewing, zone
+from benchmarks.photographs.real.dress import hems, printed, sewing, zone
 from benchmarks.photographs.real.outlines import Flat
 
 PALETTE = (
@@ -45,15 +44,7 @@ def dressed(
     x, y = canvas.far_left[0] - v * canvas.pixel - middle[0], canvas.far_left[1] - u * canvas.pixel - middle[1]
     sway = 0.003 * smooth(rng, canvas.shape, (0.12 / canvas.pixel, 0.12 / canvas.pixel))
     along, beside = (np.float32(x * way[0] + y * way[1] + sway) for way in (up, left))
-    kinds = {
-        "plain": 0.45,
-        "stripes across": 0.12,
-        "stripes along": 0.1,
-        "checks": 0.1,
-        "motifs": 0.08,
-        "melange": 0.15,
-    }
-    word = str(rng.choice(list(kinds), p=list(kinds.values())))
+    word = str(rng.choice(["plain", "plain", "stripes across", "stripes along", "checks", "motifs", "melange"]))
     share, period = np.zeros(canvas.shape, np.float32), rng.uniform(0.008, 0.06)
     if word in ("stripes across", "checks"):
         share += (np.mod(along, period) < rng.uniform(0.2, 0.5) * period).astype(np.float32)
@@ -71,7 +62,8 @@ def dressed(
         cut, cover = zone(rng, canvas, lying, mask, -turn)
         words, colours = [*words, cut], over(colours, cover, linear(dye(rng, ground)))
     if lying.category in (*SHIRTS, "vest") and rng.random() < 0.4:
-        words, colours = [*words, "print"], _print(rng, canvas, lying, colours, up, left)
+        cut, shown = printed(rng, canvas, lying, colours ** (1 / 2.2), middle, -turn)
+        words, colours = [*words, cut], linear(shown)
     height = _texture(rng, canvas, lying.category, along, beside)
     colours = colours * (1 + 70 * np.clip(height, -0.0015, 0.0015))[..., None]
     colours, sewn = _sewn(rng, canvas, lying, np.asarray(colours, np.float32), linear(main))
@@ -86,36 +78,6 @@ def _texture(rng: np.random.Generator, canvas: Canvas, category: str, along: Fie
     pitch = rng.choice([0.0028, 0.004, 0.007], p=[0.6, 0.3, 0.1])
     ribs = np.sin(2 * np.pi * (beside + (0.6 * along if category == "pants" else 0)) / pitch)
     return np.asarray(0.00007 * fine + rng.uniform(0.00001, 0.00008) * ribs, np.float32)
-
-
-def _print(
-    rng: np.random.Generator, canvas: Canvas, lying: Flat, colours: Field, up: Points, left: Points
-) -> Field:
-    """Words, a badge or a picture on the chest."""
-    drawn, ink = np.zeros((240, 320), np.uint8), linear(dye(rng))
-    kind = rng.integers(3)
-    if kind != 1:
-        for row, text in enumerate(
-            rng.permutation(["COAST", "1987", "RUN FAR", "nord", "STUDIO", "surf club"])[:2]
-        ):
-            scale = rng.uniform(1.6, 2.6)
-            cv2.putText(drawn, str(text), (20, 100 + 95 * row), int(rng.integers(5)), scale, 255, 7, cv2.LINE_AA)
-    if kind == 1:
-        cv2.circle(drawn, (160, 120), 105, 255, -1, cv2.LINE_AA)
-        cv2.circle(drawn, (160, 120), 80, 90, -1, cv2.LINE_AA)
-        cv2.drawMarker(drawn, (160, 120), 255, int(rng.integers(7)), 90, 14)
-    if kind == 2:
-        picture = smooth(rng, drawn.shape, (30, 30)) > 0
-        drawn = np.where(drawn > 0, drawn, 110 * picture).astype(np.uint8)
-    points = lying.keypoints
-    chest = (points["armpit_left"] + points["armpit_right"]) / 2 - rng.uniform(-0.02, 0.08) * up
-    wide = float(np.linalg.norm(points["armpit_left"] - points["armpit_right"])) * rng.uniform(0.3, 0.7)
-    corners = [chest + wide * (a * left + 0.75 * b * up) for a, b in ((0.5, 0.5), (-0.5, 0.5), (-0.5, -0.5))]
-    onto = cv2.getAffineTransform(
-        np.float32([[0, 0], [319, 0], [319, 239]]), np.float32(canvas.at(np.array(corners)))
-    )
-    cover = cv2.warpAffine(drawn, onto, canvas.shape[::-1], flags=cv2.INTER_LINEAR).astype(np.float32) / 255
-    return over(colours, cover * rng.uniform(0.7, 1.0), ink)
 
 
 def _sewn(

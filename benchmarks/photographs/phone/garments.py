@@ -1,4 +1,4 @@
-"""Garments by the measures of size charts: shirts, trousers, vests, skirts and towels; and the traced real ones.
+"""Garments by the measures of size charts: shirts, trousers, towels; the traced real ones; sewn vests and skirts.
 
 A half is a list of nodes [key point or "", x from the middle, y up; "smooth" where there is no corner], in
 centimetres, as in `sewn.json`. The two halves of a shirt differ, because no sleeve lies like the other.
@@ -6,7 +6,6 @@ centimetres, as in `sewn.json`. The two halves of a shirt differ, because no sle
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -26,9 +25,13 @@ def garment(rng: np.random.Generator, categories: tuple[str, ...] = tuple(CATEGO
     """A garment of one of the categories, bent and scaled."""
     shares = np.array([CATEGORIES[name] for name in categories])
     category = str(rng.choice(categories, p=shares / shares.sum()))
-    traced = [base for base in bases().values() if base.traced and base.category == category]
-    real = bool(traced) and rng.random() < TRACED_SHARE
-    base = traced[rng.integers(len(traced))] if real else by_chart(rng, category)
+    charted = category not in ("vest", "skirt")
+    kept = [base for base in bases().values() if base.category == category and base.traced == charted]
+    base = (
+        by_chart(rng, category)
+        if not kept or (charted and rng.random() > TRACED_SHARE)
+        else kept[rng.integers(len(kept))]
+    )
     return warped(rng, flat(base, rng.uniform(0.002, 0.005)))
 
 
@@ -36,8 +39,10 @@ def by_chart(rng: np.random.Generator, category: str) -> Base:
     stand = category in ("t_shirt", "long_sleeve_shirt") and rng.random() < 0.3
     if category in ("t_shirt", "long_sleeve_shirt"):
         right, left = shirt(rng, category == "long_sleeve_shirt", stand)
+    elif category == "towel":
+        right = left = towel(rng)
     else:
-        right = left = HALVES[category](rng)
+        right = left = legs(rng, rng.uniform(66, 84) if category == "pants" else rng.uniform(8, 30))
     entry = {"category": category, "stand": stand, "half_cm": right, "other_half_cm": left}
     return sewn(f"{category} by chart", entry)
 
@@ -101,41 +106,8 @@ def legs(rng: np.random.Generator, inside: float) -> Half:
             ["", 0, inside + rise - u(0.3, 1.6), "smooth"]]  # fmt: skip
 
 
-def vest(rng: np.random.Generator) -> Half:
-    u = rng.uniform
-    chest, length, strap, neck = u(20, 27), u(58, 70), u(3.5, 8), u(8, 17)
-    collar, depth = u(6.5, 10), u(20, 26)
-    top = collar + strap
-    return [
-        ["", 0, 0, "smooth"], ["", 0.5 * chest, u(0, 0.8), "smooth"], ["hem", chest * u(0.95, 1.12), u(0.8, 4)],
-        ["", chest * u(0.88, 0.96), 0.4 * length, "smooth"], ["armpit", chest, length - depth],
-        ["", 0.5 * (chest + top) - u(1.2, 2.4), length - 0.68 * depth, "smooth"],
-        ["", top - u(0.2, 1), length - 0.35 * depth, "smooth"], ["shoulder", top, length - u(1, 2.5)],
-        ["collar", collar, length], ["", 0.78 * collar, length - 0.6 * neck, "smooth"],
-        ["neck", 0, length - neck, "smooth"],
-    ]  # fmt: skip
-
-
-def skirt(rng: np.random.Generator) -> Half:
-    u = rng.uniform
-    waist, length, rounded = u(15, 20), u(36, 72), u(0, 5)
-    hem = waist + u(3, 20)
-    return [
-        ["", 0, 0, "smooth"], ["", 0.55 * hem, 0.28 * rounded, "smooth"], ["hem", hem, rounded],
-        ["", 0.5 * (waist + hem) + u(0, 1.5), 0.5 * (length + rounded), "smooth"], ["waist", waist, length],
-        ["", 0, length - u(0.2, 1.4), "smooth"],
-    ]  # fmt: skip
-
-
 def towel(rng: np.random.Generator) -> Half:
     """From a square to a long one, with its long or its short side near."""
     short = rng.uniform(25, 60)
     sides = rng.permutation([short, short * rng.uniform(1.0, 2.5)])
     return [["", 0, 0], ["near", sides[0] / 2, 0], ["far", sides[0] / 2, sides[1]], ["", 0, sides[1]]]
-
-
-HALVES: dict[str, Callable[[np.random.Generator], Half]] = {
-    "pants": lambda rng: legs(rng, rng.uniform(66, 84)),
-    "shorts": lambda rng: legs(rng, rng.uniform(8, 30)),
-    "vest": vest, "skirt": skirt, "towel": towel,
-}  # fmt: skip

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
+from benchmarks.photographs import table
 from benchmarks.photographs.canvas import Canvas
 from benchmarks.photographs.noise import Field, smooth
 from benchmarks.photographs.phone.relief import wrinkles
@@ -35,11 +36,6 @@ def hard(
         )
 
     return drawn
-
-
-def laminate(rng: np.random.Generator, canvas: Canvas) -> Field:
-    tone = np.float32([1, 1, 1]) * rng.uniform(0.45, 0.93) * rng.uniform(0.95, 1.02, 3)
-    return np.asarray(tone * (1 + 0.01 * smooth(rng, canvas.shape, (2, 2)))[..., None], np.float32)
 
 
 def sheet(rng: np.random.Generator, canvas: Canvas) -> Ground:
@@ -90,7 +86,7 @@ def _thread(rng: np.random.Generator, canvas: Canvas, a: Field, b: Field) -> Fie
 
 
 GROUNDS: dict[str, Callable[[np.random.Generator, Canvas], Ground]] = {
-    "floor": hard(boards.laminate_boards), "laminate": hard(laminate), "wood": hard(boards.wood), "sheet": sheet,
-    "carpet": carpet, "tiles": hard(boards.tiles, 1.0, 0.4), "ironing board": ironing,
+    "floor": hard(boards.laminate_boards), "laminate": hard(table.laminate), "wood": hard(boards.wood),
+    "sheet": sheet, "carpet": carpet, "tiles": hard(boards.tiles, 1.0, 0.4), "ironing board": ironing,
     "dark table": hard(boards.wood, 0.35),
 }  # fmt: skip

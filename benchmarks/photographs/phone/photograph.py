@@ -77,9 +77,8 @@ def draw(seed: int, canvas_pixels: int = 1800) -> Photograph:
     }  # fmt: skip
     template = str(rng.choice(TEMPLATES.get(lying.category, (lying.category,))))
     known = Garment(template, lying.category, lying.outline, lying.keypoints if due is None else {})
-    clutter = np.max([np.zeros(canvas.shape, np.float32), *(p[0] for thing in things for p in thing)], axis=0)
     picture = taken(rng, seen, canvas, camera)
-    return Photograph(seed, picture, known, camera, seed % 5 < 3, details, canvas, covered, clutter)
+    return Photograph(seed, picture, known, camera, seed % 5 < 3, details, canvas, covered)
 
 
 def layers(rng: np.random.Generator, due: str | None, lying: Flat) -> list[Points]:
@@ -184,11 +183,7 @@ def taken(rng: np.random.Generator, seen: Field, canvas: Canvas, camera: Camera)
 
 
 def _motif(rng: np.random.Generator) -> Points:
-    """A flower, star or heart, about its middle [m]."""
-    turn = np.linspace(0, 2 * np.pi, 200)
-    size, petals = rng.uniform(0.08, 0.2), rng.integers(5, 9)
-    reach = size * (1 + rng.uniform(0.25, 0.6) * np.cos(petals * turn))
-    if rng.random() < 0.4:
-        x, y = 13 * np.cos(turn) - 5 * np.cos(2 * turn) - 2 * np.cos(3 * turn), 16 * np.sin(turn) ** 3
-        return np.asarray(np.column_stack([x, y]) * size / 16)
+    """A flower about its middle [m]."""
+    turn, petals = np.linspace(0, 2 * np.pi, 200), rng.integers(5, 9)
+    reach = rng.uniform(0.08, 0.2) * (1 + rng.uniform(0.25, 0.6) * np.cos(petals * turn))
     return np.asarray(np.column_stack([reach * np.cos(turn), reach * np.sin(turn)]))

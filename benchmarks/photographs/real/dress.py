@@ -27,7 +27,7 @@ def dress(
         second = np.clip(main * rng.uniform(0.35, 1.7) + rng.normal(0, 0.15, 3), 0.04, 0.93).astype(np.float32)
         colours, words = over(colours, cover, second), [*words, word]
     if lying.category in SHIRTS and rng.random() < 0.35:
-        word, colours = _print(rng, canvas, lying, colours, middle, angle)
+        word, colours = printed(rng, canvas, lying, colours, middle, angle)
         words.append(word)
     colours = sewing(rng, canvas, lying, colours, main, middle)
     weave = smooth(rng, canvas.shape, (1.5, 1.5)) * rng.uniform(0.008, 0.035)
@@ -78,7 +78,7 @@ def armhole(armpit: Points, top: Points, middle: Points, depth: float) -> Points
     return bezier(armpit, control, top, 40)
 
 
-def _print(
+def printed(
     rng: np.random.Generator, canvas: Canvas, lying: Flat, colours: Field, middle: Points, angle: float
 ) -> tuple[str, Field]:
     """A printed picture, badge or lines of text on the chest; some are rectangles as large as a small towel."""

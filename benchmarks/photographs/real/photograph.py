@@ -118,8 +118,7 @@ def draw(seed: int, canvas_pixels: int = 1300) -> Photograph:
         outline=lying.outline,
         keypoints=lying.keypoints if due is None else {},
     )
-    clutter = np.max([np.zeros(canvas.shape, np.float32), *(p[0] for thing in things for p in thing)], axis=0)
-    return Photograph(seed, picture, garment, camera, stated, details, canvas, covered, clutter)
+    return Photograph(seed, picture, garment, camera, stated, details, canvas, covered)
 
 
 def place(whole: Flat, turn: float, at: Points) -> Flat:
