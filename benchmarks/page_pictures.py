@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 
 from benchmarks.operator.chromium import Chromium, Tab, keep_picture
-from benchmarks.photographs.photograph import draw
+from benchmarks.photographs.real.photograph import draw
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.hardware.driver import OpenCell
 from foldcell.cell.runs import run_observers
@@ -32,7 +32,7 @@ from foldcell.robots.ports import Side
 
 FOLDER = Path(__file__).parents[1] / "docs" / "pictures"
 GARMENT, SEED = "small_towel", 5
-KEY_POINTS, PHOTOGRAPH = "page_key_points", 9
+KEY_POINTS, PHOTOGRAPH = "page_key_points", 7
 LIKE = ["--like", "long_sleeve_shirt_small", "--length", "0.40", "--between", "hem_right,hem_left"]
 DRAGGED, DRAG = "cuff_lower_left", (-8.0, 42.0)
 LONGEST_S = 900.0
