@@ -20,7 +20,9 @@ GARMENT, SEED = "small_towel", 1
 NAMES = (
     "joint_state_nan_for_good", "arm_hangs_for_good", "setpoints_starved", "program_stalled_longer",
     "clock_steps_far_ahead", "stop_flaps", "camera_black_for_good", "second_garment_for_good",
-    "tactile_dead_for_good", "slip", "garment_taken_away",
+    "tactile_dead_for_good", "slip", "garment_taken_away", "joint_state_frozen", "camera_late",
+    "camera_without_depth_for_good", "camera_wrong_size_for_good", "hand_in_view_for_good", "gripper_offset",
+    "gripper_error", "gripper_uncalibrated", "garment_shoved", "caught_on_finger",
 )  # fmt: skip
 """Faults of each part of the cell; each script was performed once before it was added."""
 HEAD = "# written by `python -m benchmarks.fault_scripts` from cell/campaigns/faults/fault_table.yaml\n"

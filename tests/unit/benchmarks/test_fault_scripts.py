@@ -19,12 +19,13 @@ def test_each_script_is_the_one_that_the_table_gives() -> None:
         name: script(TABLE, name) for name in NAMES
     }
     ends = {end for name in NAMES for end in TABLE.faults[name].end}
-    assert len(NAMES) > 10 and ends == set(DueEnd)
+    assert len(NAMES) > 20 and ends == set(DueEnd)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_script_has_the_fault_of_its_name_and_is_for_simulated_cells(name: str) -> None:
     read = read_script(FOLDER / f"{name}.yaml")
+    check_script(read, load_settings(), "sim")
     (action,) = read.do
     assert action.fault is not None and action.fault.kind is TABLE.faults[name].kind
     with pytest.raises(ConfigurationError, match="only a simulated cell has faults"):
