@@ -166,6 +166,7 @@ FAMILIES: Mapping[str, Family] = {
         Joint("cuff_upper", "shoulder", (0.50, 1.15), (75.0, 192.0), limb=True),
         Joint("cuff_lower", "cuff_upper", (0.08, 0.28), (60.0, 120.0), after="cuff_upper"),
         Joint("sleeve_top", "shoulder", (0.04, 0.45), (85.0, 184.0), before="cuff_upper"),
+        Joint("elbow", "cuff_lower", (0.10, 0.60), (150.0, 210.0), after="cuff_upper", before="armpit"),
         *_CURVES,
         angles=(95.0, 115.0, 135.0, 155.0, 170.0),
         lengths=(0.58, 0.80, 1.00),
@@ -194,8 +195,12 @@ _RANGE_SIGMA, _USUAL_SHARE = 0.05, 0.2
 relative to its width. The latter decides where the outline does not: a rounded shoulder has no corner."""
 _SIDE_SIGMA, _FIXED_SIGMA = 0.35, 5e-4
 """Standard deviations of the difference between the directions of two limbs, and of a fixed direction [rad]."""
+_POSE, _SHEAR_SIGMA = 4, 0.05
+"""Number of parameters of the pose, and standard deviation of the shear: cloth is laid askew, and cameras tilt."""
 _BEND_SIGMA = 0.05
 """Standard deviation of a bend from a straight edge, relative to the garment's length."""
+_CROSSED = 1.5
+"""Factor of the cost of an outline that crosses itself, as that of a sleeve which lies beside the body can."""
 _PRIOR_COST = 1e-4
 """Weight of the squared deviations in the cost, which chooses between fits."""
 _LEAST_OUT = 0.01
@@ -269,13 +274,14 @@ class _Search:
         model, boundary, size = self.model, self.boundary, self.size
 
         def cost(p: Array) -> float:
-            return _cost(model, p, boundary, size)
+            crossed = crosses_itself(model.polygon(p))
+            return _cost(model, p, boundary, size) * (_CROSSED if crossed else 1.0)
 
         fits = [_fitted(model, p, boundary, size, range(_FIRST_STEPS)) for p in self.starts]
         fits = sorted(fits, key=cost)[:_KEPT]
         chosen = min((_fitted(model, p, boundary, size, range(_FIRST_STEPS, _STEPS)) for p in fits), key=cost)
         polygon, names = model.polygon(chosen), self.garment.keypoints
-        if crosses_itself(polygon) or polygon_iou(polygon, self.outline) <= self.overlap:
+        if polygon_iou(polygon, self.outline) <= self.overlap:
             return None
         return MemberOutline(
             self.garment.name,
@@ -315,8 +321,9 @@ def _without_side(name: str, family: Family) -> str:
 @dataclass(frozen=True, eq=False)
 class _Model:
     """A family for one order of key points. vertices: those of the outline, which are the key points and the
-    bends. Its parameters are the pose (x, y, turn), and for each joint the logarithm of its length and its angle
-    [rad], twice for a limb."""
+    bends. Its parameters are the pose (x, y, turn, shear across the axis), and for each joint the logarithm of its
+    length and its angle [rad], twice for a limb.
+    """
 
     family: Family
     keypoints: tuple[str, ...]
@@ -330,7 +337,9 @@ class _Model:
     def polygon(self, p: Array) -> Array:
         """Return the outline (..., k, 2) of the members with the parameters (..., n), placed."""
         c, s = np.cos(p[..., 2, None]), np.sin(p[..., 2, None])
-        x, y = np.moveaxis(self.laid(p), -1, 0)
+        laid = self.laid(p)
+        u, v = self.basis
+        x, y = np.moveaxis(laid + (p[..., 3, None] * (laid @ u))[..., None] * v, -1, 0)
         return np.stack([c * x - s * y + p[..., 0, None], s * x + c * y + p[..., 1, None]], axis=-1)
 
     def laid(self, p: Array) -> Array:
@@ -344,7 +353,7 @@ class _Model:
 
     def _half(self, p: Array, side: int) -> dict[str, Array]:
         """Return the places (..., 2), along the axis and outwards, of the points of one half."""
-        at, places, turns = 3, {"": np.zeros(2)}, dict[str, Array]()
+        at, places, turns = _POSE, {"": np.zeros(2)}, dict[str, Array]()
         for joint in self.family.joints:
             angle = p[..., at + 1 + (side if joint.limb else 0)] + turns.get(joint.after, 0.0)
             turns[joint.point] = angle
@@ -369,7 +378,7 @@ class _Model:
                     half[n] = (place @ self.basis.T) * (1.0, sign)
             half |= {joint.point: self._on_edge(joint, half) for joint in self.family.joints if joint.before}
             halves.append(half)
-        p = [*middle, 0.0]
+        p = [*middle, 0.0, 0.0]
         turns: dict[str, tuple[float, float]] = {"": (0.0, 0.0)}
         for joint in self.family.joints:
             apart = [half[joint.point] - half[joint.origin] for half in halves]
@@ -383,8 +392,9 @@ class _Model:
     def deeper(self, p: Array) -> Array:
         """Return the parameters with armpits at the depth of the family, and shoulders where they are."""
         deep = p.copy()
-        deep[5] = np.log(self.family.depth * self.length(p))
-        deep[9] = np.log(np.exp(p[9]) + np.exp(p[5]) - np.exp(deep[5]))
+        armpit, shoulder = _POSE + 2, _POSE + 6
+        deep[armpit] = np.log(self.family.depth * self.length(p))
+        deep[shoulder] = np.log(np.exp(p[shoulder]) + np.exp(p[armpit]) - np.exp(deep[armpit]))
         return deep
 
     def length(self, p: Array) -> float:
@@ -408,9 +418,9 @@ class _Model:
         """Return the residuals (..., r) of the parameters (..., n): of the figures from the middles of their
         ranges and from the ranges, of the sides from each other, of the bends from a straight edge, and of points
         across the axis."""
-        half, other, at = self._half(p, 0), self._half(p, 1), 3
+        half, other, at = self._half(p, 0), self._half(p, 1), _POSE
         size = np.maximum(half[self.family.end][..., :1], 1e-3)
-        found = []
+        found = [p[..., 3, None] / _SHEAR_SIGMA]
         for joint in self.family.joints:
             figures = [(p[..., at, None] - np.log(size), np.log(joint.length))]
             if joint.angle[0] != joint.angle[1]:
@@ -451,7 +461,7 @@ def _starts(model: _Model, template: Array, boundary: Boundary) -> list[Array]:
     """Return the parameters from which the fit starts: the template, and the same with its limbs in other
     directions and of other lengths, each placed in its most plausible orientations."""
     own = model.measured(template)
-    shapes, at = [own], 3
+    shapes, at = [own], _POSE
     for joint in model.family.joints:
         if joint.limb:
             for angle in model.family.limb_angles:

@@ -7,7 +7,8 @@ to the whole upper edge: height over distance from the axis, with knots at the c
 each place of the knots, the other coefficients are integrated out, as in `bend`. Its product with the usual
 proportions of shirts is the posterior. Its spread is the uncertainty: where an edge is smooth, it is wide.
 
-A collar ends where it meets the shoulder's seam. A collar that stands up reaches beyond its ends.
+A collar ends where it meets the shoulder's seam. A collar that stands up reaches beyond its ends. Where the
+picture shows the neckline (`neckline`), its axis and width replace the usual ones.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ import numpy as np
 
 from foldcell.robots.ports import Array
 from foldcell.skills.perception.outline import polygon_area
+from foldcell.skills.perception.registration.details.cloth_picture import ClothPicture
+from foldcell.skills.perception.registration.details.neckline import locate_neckline
 from foldcell.skills.perception.registration.energy import Boundary
 
 __all__ = ["locate_upper_edge"]
@@ -47,10 +50,13 @@ _SIGMA = np.array([9.0, 0.15, 0.12, 0.08, 0.45, 0.15, 1.0, 2.5, 1.0, 0.025, 0.01
 of the difference between the sides; curvatures; depth or height of the collar, and its curvature."""
 _DIP, _STANDING = (-0.03, 0.025), (0.06, 0.02)
 """Mean and standard deviation of the height of the collar's middle above its ends: a neckline, one that stands."""
-_RISE, _WIDTH, _NECK, _OFFSET = (0.825, 0.035), (0.95, 0.14), (0.42, 0.09), 0.03
+_RISE, _WIDTH, _DROOP, _NECK, _OFFSET = (0.815, 0.04), (0.67, 0.11), 0.38, (0.42, 0.07), 0.03
 """Proportions of shirts, with standard deviations: height of the shoulder above the armpits, relative to that of
-the collar's ends; its distance from the axis, relative to that of the armpits; distance of the collar's ends from
-the axis, relative to that of the shoulders; the axis's distance from the middle of the armpits."""
+the collar's ends; its distance from the axis, relative to that of the armpits, with its increase per angle by
+which the sleeve droops [1/rad], because a sleeve that hangs down covers the body's side; distance of the collar's
+ends from the axis, relative to that of the shoulders; the axis's distance from the middle of the armpits."""
+_NECKLINE = 0.015
+"""Standard deviation of axis and half width of a neckline that the picture shows."""
 _LEAST_SIGMA = (0.022, 0.040)
 """Least standard deviation of the places found, collar and shoulder: halves differ, and proportions do. They
 follow from the errors of 25 shirts of the real set (`benchmarks.photographs`)."""
@@ -59,23 +65,27 @@ follow from the errors of 25 shirts of the real set (`benchmarks.photographs`)."
 @dataclass(frozen=True, eq=False)
 class _Edge:
     """An upper edge in the frame of the body, at unit area. y: (n,) height. b: (n,) to the first side. armpit:
-    their mean height. half: their distance from the axis. middle: place of the axis between them."""
+    their mean height. half: their distance from the axis. cuff: (2,) mean height of the upper ends of the cuffs,
+    and their distance from the axis. middle: place of the axis between them. neckline: its axis
+    and half width, if it is visible."""
 
     y: Array
     b: Array
     armpit: float
     half: float
+    cuff: Array
     middle: float
+    neckline: tuple[float, float] | None
 
 
 def locate_upper_edge(
-    keypoints: Mapping[str, Array], contour: Array, sides: tuple[str, str]
+    keypoints: Mapping[str, Array], contour: Array, sides: tuple[str, str], picture: ClothPicture | None = None
 ) -> Mapping[str, tuple[Array, float]]:
     """Return the place (2,) and its standard deviation [m] for the shoulders and the ends of the collar;
     of none if the edge is too short for a shirt.
 
     keypoints: name -> (2,) [m], of which hem, armpits and cuffs are used. contour: (n, 2) observed boundary,
-    counter-clockwise [m]. sides: their names in this order.
+    counter-clockwise [m]. sides: their names in this order. picture: may show the neckline.
     """
     size = float(np.sqrt(abs(polygon_area(contour))))
     hem, armpit, cuff = (np.array([keypoints[f"{n}_{s}"] for s in sides]) for n in ("hem", "armpit", "cuff_upper"))
@@ -89,9 +99,12 @@ def locate_upper_edge(
     chain = _over_body(chain, (chain - hem.mean(axis=0)) @ to_frame, (armpit - hem.mean(axis=0)) @ to_frame)
     pits = (armpit - hem.mean(axis=0)) @ to_frame
     y, b = ((chain - hem.mean(axis=0)) @ to_frame).T
-    edge = _Edge(
-        _closed(y, b), b, float(pits[:, 0].mean()), 0.5 * float(pits[0, 1] - pits[1, 1]), float(pits[:, 1].mean())
-    )
+    y_closed, middle = _closed(y, b), float(pits[:, 1].mean())
+    neckline = picture and locate_neckline(picture, np.stack([y_closed, b], 1), frame, hem.mean(axis=0), middle)
+    half = 0.5 * float(pits[0, 1] - pits[1, 1])
+    cuffs = (cuff - hem.mean(axis=0)) @ to_frame
+    ends = np.array([cuffs[:, 0].mean(), 0.5 * (cuffs[0, 1] - cuffs[1, 1])])
+    edge = _Edge(y_closed, b, float(pits[:, 0].mean()), half, ends, middle, neckline)
     found = _knots(edge)
     if found is None:
         return {}
@@ -132,7 +145,8 @@ def _knots(edge: _Edge) -> tuple[Array, Array, Array] | None:
     their distances from the axis along the edge."""
     reach = min(edge.b.max() - edge.middle, edge.middle - edge.b.min())
     axis, collar, shoulder = (np.arange(*span) for span in (_AXIS, _COLLAR, _SHOULDER))
-    tried = np.stack(np.meshgrid(edge.middle + axis, collar, shoulder, indexing="ij"), axis=-1).reshape(-1, 3)
+    axis += edge.middle if edge.neckline is None else edge.neckline[0]
+    tried = np.stack(np.meshgrid(axis, collar, shoulder, indexing="ij"), axis=-1).reshape(-1, 3)
     tried = tried[(tried[:, 2] > tried[:, 1] + 0.05) & (tried[:, 2] < reach - 0.02)]
     if not len(tried):
         return None
@@ -204,12 +218,15 @@ def _posterior(edge: _Edge, knots: Array, standing: bool) -> tuple[Array, Array]
     log_p -= 0.5 * np.linalg.slogdet(H)[1] + np.log(sigma).sum()
     x[:, 0] += edge.y.mean()
     above = x[:, 0] - edge.armpit
-    rise = 1.0 + x[:, 2] * (shoulder - collar)[:, 0] / np.maximum(above, 1e-3)
+    falls = x[:, 2] * (shoulder - collar)[:, 0]
+    rise = 1.0 + falls / np.maximum(above, 1e-3)
+    droop = np.arctan2(x[:, 0] + falls - edge.cuff[0], edge.cuff[1] - shoulder[:, 0])
     for value, (usual, spread) in (
         (rise, _RISE),
-        (shoulder[:, 0] / edge.half, _WIDTH),
+        (shoulder[:, 0] / edge.half - _DROOP * droop, _WIDTH),
         ((collar / shoulder)[:, 0], _NECK),
-        (axis[:, 0], (edge.middle, _OFFSET)),
+        (axis[:, 0], (edge.middle, _OFFSET) if edge.neckline is None else (edge.neckline[0], _NECKLINE)),
+        (collar[:, 0], (0.0, np.inf) if edge.neckline is None else (edge.neckline[1], _NECKLINE)),
     ):
         log_p -= 0.5 * ((value - usual) / spread) ** 2
     return log_p, x

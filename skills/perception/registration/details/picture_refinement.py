@@ -66,7 +66,7 @@ def refine_by_picture(
     registration = _set_notches(registration, garment, picture, shape_known)
     located: _Places = {}
     if len(sides) == 2 and not shape_known:
-        located = locate_upper_edge(registration.keypoints, boundary.points, (sides[0], sides[1]))
+        located = locate_upper_edge(registration.keypoints, boundary.points, (sides[0], sides[1]), picture)
         registration = _all_moved(registration, located)
     seams: _Places = {}
     for side in sides:

@@ -48,14 +48,16 @@ def laid(garment: RealGarment, points: np.ndarray) -> np.ndarray:
     return turned * (0.95 if garment.category == "pants" else 0.66)
 
 
+@pytest.mark.parametrize("askew", [0.0, 0.1])
 @pytest.mark.parametrize("name", REAL)
-def test_a_member_fits_a_real_outline_where_the_template_does_not(name: str) -> None:
+def test_a_member_fits_a_real_outline_where_the_template_does_not(name: str, askew: float) -> None:
     garment = REAL[name]
-    outline, like = laid(garment, garment.outline), load_garment(garment.like)
+    shear = np.array([[1.0, askew], [0.0, 1.0]] if garment.category == "pants" else [[1.0, 0.0], [askew, 1.0]])
+    outline, like = laid(garment, garment.outline) @ shear.T, load_garment(garment.like)
     (member,) = best_members(outline, [like])
     assert isinstance(member, MemberOutline)
     assert polygon_iou(member.placed, outline) > 0.93
-    marked = laid(garment, np.array(list(garment.keypoints.values())))
+    marked = laid(garment, np.array(list(garment.keypoints.values()))) @ shear.T
     found = dict(zip(member.keypoints, member.placed[member.feature >= 0], strict=True))
     if garment.category != "pants":
         edge = locate_upper_edge(found, outline, ("right", "left"))
@@ -63,7 +65,7 @@ def test_a_member_fits_a_real_outline_where_the_template_does_not(name: str) -> 
         found |= {name: place for name, (place, _) in edge.items()}
     diagonal = np.linalg.norm(np.ptp(marked, axis=0))
     errors = {name: np.linalg.norm(found[name] - marked[k]) for k, name in enumerate(garment.keypoints)}
-    assert max(errors.values()) < 0.06 * diagonal
+    assert max(errors.values()) < (0.06 if garment.category == "pants" else 0.03) * diagonal
 
 
 @pytest.mark.parametrize("name", ["t_shirt_1", "t_shirt_3", "pants_1"])
