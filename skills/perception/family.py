@@ -68,7 +68,8 @@ class Family:
     from the first point to the end; v: (2,) from the axis to the first half. sides: of the first half and of the
     other one, in the names of key points. limb_angles, limb_lengths: directions [degrees] and lengths, relative to
     the garment's, of the limbs from which a fit starts. depth: another depth of the armpits, relative to the
-    garment's length, from which it starts, too."""
+    garment's length, from which it starts, too. shear: standard
+    deviation of the shear, because cloth is laid askew and cameras tilt."""
 
     joints: tuple[Joint, ...]
     end: str
@@ -79,6 +80,7 @@ class Family:
     limb_lengths: tuple[float, ...] = ()
     corners: tuple[Corner, ...] = ()
     depth: float = 0.0
+    shear: float = 0.05
 
 
 def _shirt(*sleeve: Joint, angles: tuple[float, ...] = (), lengths: tuple[float, ...] = ()) -> Family:
@@ -108,7 +110,14 @@ def _trousers(outer: Span) -> Family:
         Joint("knee_inner", "ankle_inner", (0.15, 0.60), (150.0, 210.0), after="ankle_outer", before="crotch"),
     )
     return Family(
-        joints, "ankle_outer", (0.0, -1.0), (-1.0, 0.0), ("near", "far"), (-6.0, 2.0, 12.0, 22.0), (1.0,)
+        joints,
+        "ankle_outer",
+        (0.0, -1.0),
+        (-1.0, 0.0),
+        ("near", "far"),
+        (-6.0, 2.0, 12.0, 22.0),
+        (1.0,),
+        shear=0.005,
     )
 
 
@@ -195,8 +204,8 @@ _RANGE_SIGMA, _USUAL_SHARE = 0.05, 0.2
 relative to its width. The latter decides where the outline does not: a rounded shoulder has no corner."""
 _SIDE_SIGMA, _FIXED_SIGMA = 0.35, 5e-4
 """Standard deviations of the difference between the directions of two limbs, and of a fixed direction [rad]."""
-_POSE, _SHEAR_SIGMA = 4, 0.05
-"""Number of parameters of the pose, and standard deviation of the shear: cloth is laid askew, and cameras tilt."""
+_POSE = 4
+"""Number of parameters of the pose."""
 _BEND_SIGMA = 0.05
 """Standard deviation of a bend from a straight edge, relative to the garment's length."""
 _CROSSED = 1.5
@@ -420,7 +429,7 @@ class _Model:
         across the axis."""
         half, other, at = self._half(p, 0), self._half(p, 1), _POSE
         size = np.maximum(half[self.family.end][..., :1], 1e-3)
-        found = [p[..., 3, None] / _SHEAR_SIGMA]
+        found = [p[..., 3, None] / self.family.shear]
         for joint in self.family.joints:
             figures = [(p[..., at, None] - np.log(size), np.log(joint.length))]
             if joint.angle[0] != joint.angle[1]:
