@@ -55,7 +55,7 @@ _RISE, _WIDTH, _DROOP, _NECK, _OFFSET = (0.815, 0.04), (0.67, 0.11), 0.38, (0.42
 the collar's ends; its distance from the axis, relative to that of the armpits, with its increase per angle by
 which the sleeve droops [1/rad], because a sleeve that hangs down covers the body's side; distance of the collar's
 ends from the axis, relative to that of the shoulders; the axis's distance from the middle of the armpits."""
-_NECKLINE = 0.015
+_NECKLINE = 0.02
 """Standard deviation of axis and half width of a neckline that the picture shows."""
 _LEAST_SIGMA = (0.022, 0.040)
 """Least standard deviation of the places found, collar and shoulder: halves differ, and proportions do. They

@@ -28,9 +28,11 @@ which there is cloth."""
 _SAMPLES = 28
 _NOISE = 1.5
 """Standard deviation of the noise of a difference of colours [grey levels]."""
-_EVIDENCE, _COMPLETE, _AGREES = 40.0, 0.85, 0.3
+_EVIDENCE, _COMPLETE, _AGREES = 45.0, 0.85, 0.3
 """Least evidence for a neckline: the number of places times the square of their median difference, relative to its
 spread. Least share of places that agree, with at least the third share of the median difference."""
+_BESIDE_AXIS = 0.06
+"""Standard deviation of the arc's middle from the body's axis. The evidence for an arc is less beside it."""
 _RIVAL, _ELSEWHERE = 0.6, 0.04
 """Another arc, at least the second away, must have less than this share of the evidence."""
 
@@ -69,7 +71,8 @@ def locate_neckline(
     spread = 1.4826 * np.median(np.abs(along - size[:, None]), axis=1) + _NOISE
     cloth = picture.cloth(places(_CLOTH)) > 0.99
     agree = np.mean((along > _AGREES * size[:, None]) & cloth, axis=1)
-    evidence = np.where(agree > _COMPLETE, _SAMPLES * (size / spread) ** 2, 0.0)
+    usual = np.exp(-0.5 * ((arcs[:, 0] - middle) / _BESIDE_AXIS) ** 2)
+    evidence = np.where(agree > _COMPLETE, usual * _SAMPLES * (size / spread) ** 2, 0.0)
     best = int(np.argmax(evidence))
     away = np.abs(arcs[:, :2] - arcs[best, :2]).sum(axis=1) > _ELSEWHERE
     if evidence[best] < _EVIDENCE or (away & (evidence > _RIVAL * evidence[best])).any():
