@@ -24,7 +24,7 @@ from foldcell.skills.perception.classify import Match, classify, polygon_iou
 from foldcell.skills.perception.outline import GarmentOutline, MemberOutline
 from foldcell.skills.perception.rectification.heights import garment_height
 from foldcell.skills.perception.rectification.table_view import TableView
-from foldcell.skills.perception.registration.accuracy import keypoint_sigmas, probability_within
+from foldcell.skills.perception.registration.accuracy import keypoint_sigmas, probability_within, with_shape
 from foldcell.skills.perception.registration.details.cloth_picture import ClothPicture
 from foldcell.skills.perception.registration.details.picture_refinement import refine_by_picture
 from foldcell.skills.perception.registration.register import Registration, register
@@ -63,9 +63,6 @@ ACCURATE_WITHIN = 0.010
 garment of its nominal size."""
 ACCURATE_SHARE = 0.02
 """The same in a picture of unknown scale, relative to the diagonal of the garment's key points."""
-SHAPE_SHARE = 0.002
-"""Further scale of the errors of key points in a shape that was fitted, relative to the same: a family does not
-hold all garments."""
 AUTO_CATEGORIES, AUTO_MARGIN = 3, 0.12
 """If no garment is named in a photograph, so many categories are registered, with a likeness within this of the
 best one's."""
@@ -352,8 +349,8 @@ def _judged(
     if not settings.size_known:
         diagonal = float(np.linalg.norm(np.ptp([*registration.keypoints.values()], axis=0)))
         within = ACCURATE_SHARE * diagonal
-        if fitted:
-            sigmas = {name: float(np.hypot(sigma, SHAPE_SHARE * diagonal)) for name, sigma in sigmas.items()}
+        if isinstance(garment, MemberOutline):
+            sigmas = with_shape(sigmas, garment, diagonal)
     confidence = probability_within(sigmas, within)
     stages.notes |= {
         "iou": iou,

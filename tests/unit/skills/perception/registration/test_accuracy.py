@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from foldcell.skills.perception.outline import resample_closed
-from foldcell.skills.perception.registration.accuracy import keypoint_sigmas, probability_within
+from foldcell.skills.perception.outline import MemberOutline, resample_closed
+from foldcell.skills.perception.registration.accuracy import keypoint_sigmas, probability_within, with_shape
 from foldcell.skills.perception.registration.register import register
 from tests.builders.silhouettes import Silhouette
 from tests.scenes import TOWEL, TOWEL_NAMES
@@ -82,3 +82,15 @@ def test_the_probability_is_that_of_a_t_distribution(sigma, expected):
     """Values of Student's t-distribution with 4 degrees of freedom."""
     assert probability_within({"a": sigma}, 0.010) == pytest.approx(expected, abs=1e-3)
     assert probability_within({"a": sigma, "b": sigma}, 0.010) == pytest.approx(expected**2, abs=1e-3)
+
+
+def test_a_fitted_shape_leaves_inward_corners_least_certain():
+    names = ("hem_right", "armpit_right", "cuff_right", "cuff_left", "armpit_left", "hem_left")
+    template = np.array([[-0.3, -0.2], [0.1, -0.2], [0.1, -0.4], [0.1, 0.4], [0.1, 0.2], [-0.3, 0.2]])
+    template[[2, 3], 0] = 0.3
+    for order in (slice(None), slice(None, None, -1)):  # a template may run clockwise
+        shape = template[order]
+        member = MemberOutline("shirt", "shirt", names[order], shape, shape, np.arange(6), 0.0)
+        scales = with_shape(dict.fromkeys(names, 0.001), member, 1.0)
+        assert scales["armpit_left"] == scales["armpit_right"] > 1.5 * scales["hem_left"] > 0.004
+        assert scales["cuff_right"] == scales["hem_left"]
