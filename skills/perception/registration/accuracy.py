@@ -47,7 +47,7 @@ not smooth."""
 _SHAPE, _HOLLOW_SHAPE, _HOLLOW = 0.003, 0.006, 0.3
 """Further scale of the errors in a shape that was fitted, relative to the garment's diagonal, because a family
 does not hold all garments; the same at an inward corner, of at least the third [rad], whose end is often hidden.
-They follow from one half of 120 development pictures of `benchmarks.photographs --set real`; on the other half, the
+They follow from half of 120 development pictures of `benchmarks.photographs --set real`; on the other half, the
 calibration error falls from 0.11 to 0.08."""
 
 
