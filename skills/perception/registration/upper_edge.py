@@ -100,7 +100,9 @@ def locate_upper_edge(
     pits = (armpit - hem.mean(axis=0)) @ to_frame
     y, b = ((chain - hem.mean(axis=0)) @ to_frame).T
     y_closed, middle = _closed(y, b), float(pits[:, 1].mean())
-    neckline = picture and locate_neckline(picture, np.stack([y_closed, b], 1), frame, hem.mean(axis=0), middle)
+    neckline = None
+    if picture is not None:
+        neckline = locate_neckline(picture, np.stack([y_closed, b], 1), frame, hem.mean(axis=0), middle)
     half = 0.5 * float(pits[0, 1] - pits[1, 1])
     cuffs = (cuff - hem.mean(axis=0)) @ to_frame
     ends = np.array([cuffs[:, 0].mean(), 0.5 * (cuffs[0, 1] - cuffs[1, 1])])
