@@ -20,9 +20,9 @@ from foldcell.skills.perception.registration.corners import HOLLOW_ANGLE, NOTCH_
 from foldcell.skills.perception.registration.details.cloth_picture import ClothPicture
 from foldcell.skills.perception.registration.details.gap_end import HOLLOW, NARROW, locate_gap_end
 from foldcell.skills.perception.registration.details.sleeve_seam import locate_seam
+from foldcell.skills.perception.registration.details.upper_edge import locate_upper_edge
 from foldcell.skills.perception.registration.energy import Boundary
 from foldcell.skills.perception.registration.register import Registration
-from foldcell.skills.perception.registration.upper_edge import locate_upper_edge
 
 __all__ = ["notches", "refine_by_picture"]
 

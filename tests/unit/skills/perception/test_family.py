@@ -14,7 +14,7 @@ from foldcell.cell.hardware.photograph import Photograph, in_unit, perceive_phot
 from foldcell.skills.perception.classify import classify, polygon_iou
 from foldcell.skills.perception.family import FAMILIES, best_members
 from foldcell.skills.perception.outline import MemberOutline, resample_closed
-from foldcell.skills.perception.registration.upper_edge import locate_upper_edge
+from foldcell.skills.perception.registration.details.upper_edge import locate_upper_edge
 from foldcell.skills.plane import rotation
 from tests.scenes import place
 

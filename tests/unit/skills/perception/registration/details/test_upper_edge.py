@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from foldcell.skills.perception.outline import resample_closed, smooth_closed
-from foldcell.skills.perception.registration.upper_edge import _closed, locate_upper_edge
+from foldcell.skills.perception.registration.details.upper_edge import _closed, locate_upper_edge
 from foldcell.skills.plane import rotation
 
 HALF = {"hem": (0.0, -0.24), "armpit": (0.44, -0.25), "cuff_lower": (0.40, -0.36)}
