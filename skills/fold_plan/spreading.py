@@ -31,7 +31,10 @@ from foldcell.skills.vocabulary import (
     frozen,
 )
 
-__all__ = ["AWAY", "Pull", "lies_on", "plan_pulls", "pulls_home", "spread_arcs", "spread_step"]
+__all__ = ["AWAY", "Possible", "Pull", "lies_on", "plan_pulls", "pulls_home", "spread_arcs", "spread_step"]
+
+Possible = Callable[[Array], bool]
+"""Whether cloth and hands may be at points (n, 2): on the table, and in the camera's view."""
 
 AWAY = 0.030
 """A corner that lies nearer than this to its place counts as lying there [m]. Recognition moves the plan by as
@@ -63,6 +66,11 @@ LEAST_FOLLOWED = 0.3
 """It follows at least this share of each edge beside a corner that is folded over."""
 LEAST_FLAP = 0.025
 """Least distance of the tip of a folded corner from its crease [m]."""
+FINEST = 1e-7
+"""Precision of the share of a pull at which it has to end."""
+LEAST_GAP, WIDEST_GAP = 0.010, 0.120
+"""A ruck draws the boundary in by at least this, the noise of pictures, and by at most this [m]. Behind a wider
+gap, cloth lies folded over or under, and a boundary that is pulled drags it along."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,43 +103,43 @@ class _Match:
 def plan_pulls(
     contour: Array,
     corners: Sequence[Corner],
+    flat: Array,
     places: Sequence[Corner],
-    table: Table,
+    possible: Possible,
     takeable: Callable[[Array], bool],
     fruitless: int = 0,
 ) -> Outcome[tuple[Pull, ...]]:
     """Choose one or two corners of a silhouette and pull them to the places of the garment's corners.
 
-    contour: (n, 2) boundary of the silhouette [m]. corners: corners of this boundary. places: where the corners of
-    the garment would lie if it were spread. table: its edges bound the pulls. takeable: whether a hand can take
-    all cloth at a point (2,). fruitless: number of pulls in a row that have not enlarged the covered area; as many
-    of the best pulls are left out.
+    contour: (n, 2) boundary of the silhouette [m]. corners: corners of this boundary. flat: (m, 2) where the
+    outline of the garment would lie if it were spread [m], and places: its corners. possible: bounds the pulls.
+    takeable: whether a hand can take all cloth at a point (2,). fruitless: number of pulls in a row that have
+    not enlarged the covered area; as many of the best pulls are left out.
 
-    A pull may drag the whole heap along. Therefore it ends before the heap could come to the table's edge, and
-    another pull may go on from there. Corners belong to places in their order along the boundary. Of all pairs of
-    corners that can be pulled at once, the pair that is nearest to its places is chosen, because it is the least
-    doubtful. The other hand holds the garment behind a single pull. A corner that lies on the garment is unfolded
-    first. Fails with HEAPED, with the reason, if no corner can be pulled.
+    A pull may drag the whole heap along. Therefore it ends before the heap could come to the table's edge or out
+    of view, and another pull may go on from there. Corners belong to places in their order along the boundary. Of
+    all pairs of corners that can be pulled at once, the pair that is nearest to its places is chosen, because it
+    is the least doubtful. The other hand holds the garment behind a single pull. A corner that lies on the
+    garment is unfolded first. A ruck between corners that lie in place is pulled out at the boundary. Fails with
+    HEAPED, with the reason, if nothing can be pulled.
     """
-    if not all(lies_on(table, place.point) for place in places):
-        return Outcome(failure=_impossible("it would reach over the table's edge"))
+    if not possible(np.array([place.point for place in places])):
+        return Outcome(failure=_impossible("it would reach over the table's edge or out of the camera's view"))
+
+    def free(point: Array) -> bool:
+        return possible(point[None]) and takeable(point)
+
     held = [k for k, place in enumerate(places) if _nearest(place, corners) < AWAY]
     missing = [k for k in range(len(places)) if k not in held]
-    if not missing:
-        return Outcome(failure=_impossible("every corner lies in its place, and the cloth between them does not"))
     loose = [i for i, c in enumerate(corners) if _nearest(c, places) >= AWAY]
     lying = [(min(range(len(corners)), key=lambda i: _distance(corners[i], places[h])), h) for h in held]
-    flaps = tuple(_flaps(contour, places, missing, table))
-    if not flaps and not loose:
-        return Outcome(failure=_impossible("no corner of its outline can be told from cloth that lies in place"))
-    within = [i for i in loose if takeable(_grasp(corners[i])) and lies_on(table, _grasp(corners[i]))]
-    if not flaps and not within:
-        return Outcome(failure=_impossible("no hand can take all cloth at a corner of its outline"))
+    flaps = tuple(_flaps(contour, places, missing, possible))
+    within = [i for i in loose if free(_grasp(corners[i]))]
     matches = [
         _Match(corner, i, k, away, pull)
         for i, k in itertools.product(within, missing)
         if AWAY <= (away := _distance(corner := corners[i], places[k])) <= LONGEST
-        and (pull := _pull(_grasp(corner), _grasp(places[k]), contour, table)).length >= AWAY
+        and (pull := _pull(_grasp(corner), _grasp(places[k]), contour, possible)).length >= AWAY
         and float((places[k].point - corner.point) @ corner.inward) < -OUTWARD * away
         and all(_distance(corner, corners[c]) <= _distance(places[k], places[h]) + STRETCH for c, h in lying)
         and _in_order((*lying, (i, k)))
@@ -140,18 +148,25 @@ def plan_pulls(
         (a, b) for a, b in itertools.combinations(matches, 2)
         if _possible(a, b, places) and _in_order((*lying, (a.order, a.place), (b.order, b.place)))
     ]  # fmt: skip
-    free = [g for i, _ in lying if takeable(g := _grasp(corners[i])) and lies_on(table, g)]
+    behind = [g for i, _ in lying if free(g := _grasp(corners[i]))]
     ranked: list[tuple[Pull, ...]] = [
         *((flap,) for flap in flaps),
         *((a.pull, b.pull) for a, b in sorted(couples, key=lambda c: c[0].away + c[1].away)),
-        *((m.pull, *_anchor(m.pull, free)) for m in sorted(matches, key=lambda m: m.away)),
+        *((m.pull, *_anchor(m.pull, behind)) for m in sorted(matches, key=lambda m: m.away)),
     ]
-    if fruitless >= len(ranked):
-        return Outcome(failure=_impossible("no corner of its outline has a place within reach to be pulled to"))
-    return Outcome(ranked[fruitless])
+    for pull in _tautened(contour, flat, possible):
+        if free(pull.grasp) and all(np.linalg.norm(pull.grasp - p[0].grasp) > AWAY for p in ranked):
+            ranked.append((pull, *_anchor(pull, behind)))
+    if fruitless < len(ranked):
+        return Outcome(ranked[fruitless])
+    if not missing:
+        return Outcome(failure=_impossible("every corner lies in its place, and the cloth between them does not"))
+    if loose and not within:
+        return Outcome(failure=_impossible("no hand can take all cloth at a corner of its outline"))
+    return Outcome(failure=_impossible("no corner of its outline has a place within reach to be pulled to"))
 
 
-def _flaps(contour: Array, places: Sequence[Corner], missing: Sequence[int], table: Table) -> Iterator[Pull]:
+def _flaps(contour: Array, places: Sequence[Corner], missing: Sequence[int], possible: Possible) -> Iterator[Pull]:
     """Yield the pull that unfolds the only missing corner, if it lies on the garment: the boundary follows both
     edges that meet at the corner's place, and cuts the corner off. The corner lies as far behind this crease as
     its place lies before it."""
@@ -165,11 +180,30 @@ def _flaps(contour: Array, places: Sequence[Corner], missing: Sequence[int], tab
             continue
         crease = (b - a) / length
         tip, grasp = (2.0 * (a + (q - a) @ crease * crease) - q for q in (place.point, _grasp(place)))
-        pull = replace(_pull(grasp, _grasp(place), contour, table), upper=True)
+        pull = replace(_pull(grasp, _grasp(place), contour, possible), upper=True)
         if np.linalg.norm(tip - place.point) > 2.0 * LEAST_FLAP < 2.0 * pull.length and garment.contains(
             shapely.Point(grasp)
         ):
             yield pull
+
+
+def _tautened(contour: Array, flat: Array, possible: Possible) -> Iterator[Pull]:
+    """Yield the pull of the boundary point that a ruck has drawn in the most, to its place on the flat outline."""
+    points, gaps = _inside(contour, flat)
+    widest = int(np.argmax(gaps))
+    if LEAST_GAP < gaps[widest] <= WIDEST_GAP:
+        way = (flat[widest] - points[widest]) / gaps[widest]
+        pull = _pull(points[widest] - INSET * way, flat[widest] - INSET * way, contour, possible)
+        if pull.length > LEAST_GAP:
+            yield pull
+
+
+def _inside(contour: Array, flat: Array) -> tuple[Array, Array]:
+    """Return the nearest points (m, 2) of a silhouette with this contour (n, 2) to points `flat` (m, 2), and their
+    distances (m,) [m]. They are 0 for points on the silhouette."""
+    garment, outline = shapely.Polygon(contour), shapely.points(flat)
+    nearest = shapely.get_coordinates(shapely.shortest_line(garment, outline)).reshape(-1, 2, 2)[:, 0]
+    return nearest, shapely.distance(garment, outline)
 
 
 def _followed(contour: Array, corner: Corner, neighbour: Corner) -> Array | None:
@@ -183,7 +217,7 @@ def _followed(contour: Array, corner: Corner, neighbour: Corner) -> Array | None
     return contour[along.argmax()] if along.max() > LEAST_FOLLOWED * length else None
 
 
-def pulls_home(places: Sequence[Corner], home: Sequence[Corner], table: Table) -> Outcome[tuple[Pull, ...]]:
+def pulls_home(places: Sequence[Corner], home: Sequence[Corner], possible: Possible) -> Outcome[tuple[Pull, ...]]:
     """Plan the pull of a spread garment back to where it lay. Two hands pull its leading edge: the edge that faces
     the direction of the pull.
 
@@ -204,7 +238,7 @@ def pulls_home(places: Sequence[Corner], home: Sequence[Corner], table: Table) -
         return Outcome(failure=_impossible("no edge of it leads to where it lay"))
     _, *ends = max(leading)
     pulls = tuple(Pull(_grasp(places[k]), _grasp(home[k])) for k in ends)
-    if not all(lies_on(table, p.grasp) and lies_on(table, p.target) and p.length <= LONGEST for p in pulls):
+    if not all(possible(np.array([p.grasp, p.target])) and p.length <= LONGEST for p in pulls):
         return Outcome(failure=_impossible("it lies out of reach of where it lay"))
     return Outcome(pulls)
 
@@ -251,15 +285,15 @@ def _possible(a: _Match, b: _Match, places: Sequence[Corner]) -> bool:
     return min(lengths) >= APART and lengths[0] <= lengths[1] + STRETCH and float(between @ aim) > 0.0
 
 
-def _pull(grasp: Array, target: Array, contour: Array, table: Table) -> Pull:
-    """Return the pull from `grasp` towards `target` (2,), as long as the contour (n, 2) would stay on the table if
-    it were dragged along."""
-    way, least, most = target - grasp, *_margins(table)
-    room = np.where(way > 0.0, most - contour.max(axis=0), contour.min(axis=0) - least)
-    with np.errstate(divide="ignore"):
-        share = float(np.clip((room / np.abs(way)).min(), 0.0, 1.0)) * (1.0 - 1e-9)
-    stays = lies_on(table, contour + share * way)
-    return Pull(grasp, frozen(grasp + share * way if stays else grasp))
+def _pull(grasp: Array, target: Array, contour: Array, possible: Possible) -> Pull:
+    """Return the pull from `grasp` towards `target` (2,), as long as the contour (n, 2) stays where it may be if
+    it is dragged along."""
+    way, share, step = target - grasp, 0.0, 1.0
+    while step > FINEST:
+        if share + step <= 1.0 and possible(contour + (share + step) * way):
+            share += step
+        step *= 0.5
+    return Pull(frozen(grasp), frozen(grasp + share * way))
 
 
 def _anchor(pull: Pull, grasps: Sequence[Array]) -> tuple[Pull, ...]:
@@ -289,15 +323,9 @@ def _grasp(corner: Corner) -> Array:
 
 
 def lies_on(table: Table, points: Array) -> bool:
-    """Whether points (2,) or (n, 2) keep the margin from the table's edge."""
-    least, most = _margins(table)
-    return bool((least <= points).all() and (points <= most).all())
-
-
-def _margins(table: Table) -> tuple[Array, Array]:
-    """Return the smallest and the largest coordinates (2,) that keep the margin from the table's edge [m]."""
-    x, y = np.array([table.x, table.y])
-    return np.array([x[0], y[0]]) + MARGIN, np.array([x[1], y[1]]) - MARGIN
+    """Whether points (n, 2) keep the margin from the table's edge."""
+    least, most = np.array([table.x, table.y]).T
+    return bool((least + MARGIN <= points).all() and (points <= most - MARGIN).all())
 
 
 def _side(pull: Pull) -> GraspId:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -114,15 +115,17 @@ def choose_pull(cell: Workcell, context: RunContext, plan: Plan, first: FirstLoo
     covered, flat = abs(polygon_area(seen.contour)), abs(polygon_area(first.contour))
     record: dict[str, object] = {"covered_m2": covered, "flat_m2": flat}
     home = covered >= SPREAD_AREA * flat and _displaced(places)
+    possible = partial(_possible, cell.table, seen)
     fruitless = _fruitless((*fold.covered, covered), GROWTH * flat)
     planned = (
-        pulls_home(places.now, places.home, cell.table)
+        pulls_home(places.now, places.home, possible)
         if home
         else plan_pulls(
             seen.contour,
             convex_corners(seen.contour),
+            places.placement.of(plan.flat.contour),
             places.now,
-            cell.table,
+            possible,
             _takeable(cell, context, seen),
             fruitless,
         )
@@ -136,10 +139,6 @@ def choose_pull(cell: Workcell, context: RunContext, plan: Plan, first: FirstLoo
             {"covered_m2": covered, "before_m2": fold.covered[-1]},
         )
         return _failed(context, failure, record)
-    if planned.failure is None and not _visible(seen, np.array([corner.point for corner in places.now])):
-        planned = Outcome(
-            failure=Failure(FailureKind.HEAPED, "the spread garment would reach out of the camera's view", _HINT)
-        )
     if planned.failure:
         # a flat garment that cannot be drawn back is folded where it lies, after another look
         kind = FailureKind.GARMENT_MOVED if home else planned.failure.kind
@@ -195,10 +194,9 @@ def _places(seen: Observation, plan: Plan, first: FirstLook, table: Table) -> _P
     flat = plan.flat.contour
     lay = convex_corners(flat)
 
-    def possible(outline: Array) -> bool:
-        return lies_on(table, outline) and _visible(seen, outline)
-
-    placement = place_outline(seen.contour, convex_corners(seen.contour), flat, lay, possible)
+    placement = place_outline(
+        seen.contour, convex_corners(seen.contour), flat, lay, partial(_possible, table, seen)
+    )
     R, t = _way_home(plan, first)
     return _Places(
         tuple(_moved(c, placement.R, placement.t) for c in lay), tuple(_moved(c, R, t) for c in lay), placement
@@ -243,9 +241,9 @@ def _pixels(seen: Observation, points: Array) -> tuple[Array, Array]:
     return np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)
 
 
-def _visible(seen: Observation, points: Array) -> bool:
-    """Whether the camera sees all points (n, 2)."""
-    return bool(seen.view.valid[_pixels(seen, points)].all())
+def _possible(table: Table, seen: Observation, points: Array) -> bool:
+    """Whether all points (n, 2) lie on the table, away from its edge, and in the camera's view."""
+    return lies_on(table, points) and bool(seen.view.valid[_pixels(seen, points)].all())
 
 
 def _failed(context: RunContext, failure: Failure, record: dict[str, object]) -> Result:
