@@ -98,14 +98,14 @@ def outline_matches(seen: Inspection, settings: InspectionSettings) -> bool:
 
 
 def diagnosed_by_height(seen: Inspection, settings: InspectionSettings) -> bool:
-    """Whether the diagnosis is based on height: piled cloth, or a moved edge that lags although the outline
-    matches.
+    """Whether the diagnosis is based on height: piled cloth although the overlap is good, or a moved edge that
+    lags although the outline matches.
 
     The moved edge is located by the height of one layer. Cloth that stands high can hide this step, so such a
-    diagnosis can be wrong.
+    diagnosis can be wrong. A fold of another shape is not mended by pressing its pile.
     """
     if seen.diagnosis is FailureKind.PILING:
-        return True
+        return seen.iou_aligned >= settings.iou
     return seen.diagnosis in {FailureKind.SAG, FailureKind.DROPPED_CORNER} and outline_matches(seen, settings)
 
 

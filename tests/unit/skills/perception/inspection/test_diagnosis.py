@@ -159,6 +159,8 @@ def test_diagnoses_by_height_are_piles_and_lagging_edges_within_a_good_outline()
         (K.MISSED_LAYER, 0.0, False), (None, 0.0, False),
     ):  # fmt: skip
         assert diagnosed_by_height(inspection(diagnosis=kind, edge_deviation_m=outline), S) is told
+    elsewhere = inspection(diagnosis=K.PILING, iou_aligned=0.83)
+    assert not diagnosed_by_height(elsewhere, S), "a pile in a fold of another shape: pressing does not mend it"
 
 
 def test_a_fold_is_refused_exactly_if_a_figure_is_beyond_its_limit():
