@@ -324,12 +324,16 @@ def test_what_was_seen_before_a_disturbance_is_seen_anew_or_counts_as_hidden(
     assert not cause or last.inspected.diagnosis is K.OFF_TARGET, "its drift does not count: somebody moved it"
 
 
-@pytest.mark.parametrize(("off", "claimed"), [(0.004, True), (0.012, False)])
+@pytest.mark.parametrize(
+    ("before", "off", "claimed"),
+    [(0.002, 0.004, True), (0.002, 0.006, False), (0.002, -0.012, False), (0.008, 0.009, True)],
+)
 def test_a_fold_that_a_disturbance_has_distorted_is_not_claimed(
-    off: float, claimed: bool, monkeypatch: pytest.MonkeyPatch
+    before: float, off: float, claimed: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     look(monkeypatch, seen(target=as_seen(0.011)))
     context = last_fold()
+    context.done[0].attempt.inspection = seen(edge_deviation_m=before)
     context.done[0].anew = seen(edge_deviation_m=off)
     claim = inspect_fold(fake_workcell(FakeCell()), context).context.claim()
     assert claim is not None and claim.holds is claimed
