@@ -54,7 +54,6 @@ PARTS: Mapping[str, Part] = {
     "start": Part("speed:start", "a new process until its first fold"),
     "substeps": Part("refinement:substeps", "folds with fewer and more substeps"),
     "shirt": Part("contact:shirt", "the two-layer shirt of about 1300 vertices in three folds"),
-    "shirting": Part("contact:shirting", "the same with the stretch of the paper's shirt"),
     "sides": Part("contact:sides", "the shirt's sleeves folded in together with its sides"),
     "variants": Part("contact:variants", "the same with other friction, thickness and speed"),
     "starts": Part("contact:starts", "shirt and all shipped garments from starts that differ by 1e-6 m"),

@@ -25,7 +25,7 @@ from benchmarks.cloth.scenes import (
     timed,
 )
 from benchmarks.cloth.strain import MOST_STRAIN, EdgeStrains, edge_strains, on_the_line
-from foldcell.cell.config.garments.garment_file import list_garments, load_garment
+from foldcell.cell.config.garments.garment_file import list_garments
 from foldcell.robots.ports import Array
 from foldcell.skills.cloth.intersections.crossings import count_crossings
 from foldcell.skills.cloth.mesh import ClothMesh, mesh_from_contour
@@ -157,14 +157,6 @@ def _speeds(mesh: ClothMesh, x: Array, folds: list[Paths]) -> list[float]:
         x = result.vertices
         speeds.append(speed)
     return speeds
-
-
-def shirting(quick: bool, tell: Tell) -> dict[str, Any]:
-    """Fold the shirt, with a fabric that stretches like that of the paper's large shirt."""
-    paper = load_garment("long_sleeve_shirt_large").material
-    material = replace(MATERIAL, stretch_fraction=paper.stretch_fraction)
-    mesh, folds = shirt_folds(material)
-    return fold_all(mesh, material, folds).figures("shirting")
 
 
 def sides(quick: bool, tell: Tell) -> dict[str, Any]:

@@ -85,7 +85,6 @@ SECTIONS: Mapping[str, Sequence[Row]] = {
 CONTACT = "Self-contact"
 SCENES = {
     "shirt": "shirt",
-    "shirting": "shirt with the paper's stretch",
     "sides": "shirt, sleeves together with sides",
     "variants": "variants",
 }

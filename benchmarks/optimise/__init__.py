@@ -71,7 +71,7 @@ def measure(tell: Tell, *, peers: bool, quick: bool, garments: Sequence[str] | N
         # Look-ups take most of the time. They come last, so an interruption most likely leaves the rest reported.
         looked_up = [] if quick else [row for step in steps for row in step.lookups()]
     figures = _worst(rows) | summary_of_lookups(looked_up)
-    figures |= measure_lookup_times(names) | _workers(names[0], tell)
+    figures |= measure_lookup_times(names)
     return {**figures, "steps": rows, "lookups_told": looked_up}
 
 
@@ -187,22 +187,6 @@ def _worst(rows: list[dict[str, Any]]) -> dict[str, Any]:
 def _closed(row: Mapping[str, Any]) -> float:
     """Share of the gap, between D of the initial arc and D_relax, that the optimised arc closes."""
     return float((row["D_initial_mm"] - row["D_mm"]) / (row["D_initial_mm"] - row["D_relax_mm"]))
-
-
-def _workers(name: str, tell: Tell) -> dict[str, float]:
-    """Measure the wall time of one step's simulations with one thread, relative to that with two threads."""
-    case = prepare(load_garment(name, "bare_table"), 0)
-    mesh, before = case.coarse
-    seconds = []
-    for threads in (1, 2):
-        began = time.monotonic()
-        optimise_fold(
-            case.step, mesh, before, case.garment.material, "two_parameter", QUICK_BUDGET, threads=threads
-        )
-        seconds.append(time.monotonic() - began)
-    one, two = seconds
-    tell(f"{QUICK_BUDGET} simulations of {case.name}: {one:.1f} s with one thread, {two:.1f} s with two")
-    return {"two_threads_x_faster": one / two}
 
 
 def _line(row: Mapping[str, Any]) -> str:

@@ -27,7 +27,6 @@ BARS = (
     Row("largest excess of D over the paper's method", "worse_than_paper_mm_max", unit="mm"),
     Row("slowest towel step (wall time)", "towel_step_s_max", 5, unit="s"),
     Row("slowest two-layer step (wall time)", "two_layer_step_s_max", 20, unit="s"),
-    Row("speed-up by a second thread", "two_threads_x_faster", unit="x"),
     Row("library look-up, 99th percentile", "lookup_ms_p99", 20, unit="ms"),
     Row("steps of shipped garments in the library", "steps_in_library"),
     Row("library arcs tried in other sizes and fabrics", "lookups"),

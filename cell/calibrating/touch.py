@@ -54,7 +54,7 @@ def touch_table(cell: Workcell, effect: Touch) -> Outcome[TouchReadings]:
     pressed = _touch_and_press(cell, effect, motion.descend[effect.side])
     if pressed.failure and pressed.failure.kind is FailureKind.STOPPED:
         return pressed
-    failure = _rise(cell, effect.side, ABOVE - _height(cell, effect.side))
+    failure = _rise(cell, effect.side, ABOVE - cell.hands.height(effect.side, cell.ports.arms.state().q))
     return pressed if pressed.failure or not failure else Outcome(failure=failure)
 
 
@@ -185,10 +185,6 @@ def _explained(cell: Workcell, failure: Failure, effect: Touch) -> Failure:
         f"measure the height of the table, correct {height}, and calibrate again",
         failure.values,
     )
-
-
-def _height(cell: Workcell, side: Side) -> float:
-    return cell.hands.height(side, cell.ports.arms.state().q)
 
 
 def _rise(cell: Workcell, side: Side, by: float) -> Failure | None:

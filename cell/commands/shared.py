@@ -14,6 +14,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from foldcell.cell.support.files.whole_file import PNG_MARK, refuse_foreign, refuse_unwritable
+from foldcell.robots.errors import ConfigurationError
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
@@ -88,16 +91,15 @@ def page_options(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def driver_option(parser: argparse.ArgumentParser, real: bool = True) -> None:
-    robot = ", or the robot (ROS_MASTER_URI)" if real else ""
+def driver_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--driver", choices=["sim", "emulator", *(["ros"] if real else [])], default="sim",
-        help=f"the simulated cell, the simulated cell behind ROS in real time{robot}",
+        "--driver", choices=["sim", "emulator", "ros"], default="sim",
+        help="the simulated cell, the simulated cell behind ROS in real time, or the robot (ROS_MASTER_URI)",
     )  # fmt: skip
 
 
-def driver_options(parser: argparse.ArgumentParser, real: bool = True) -> None:
-    driver_option(parser, real)
+def driver_options(parser: argparse.ArgumentParser) -> None:
+    driver_option(parser)
     parser.add_argument(
         "--world", choices=["xpbd", "mujoco"], default="xpbd",
         help="solver of the simulated cloth: foldcell's own, or MuJoCo (towels; slow; needs the extra peers)",
@@ -180,9 +182,6 @@ def write_drawing(folder: Path, name: str, picture: NDArray[np.uint8]) -> str:
 def refuse_drawing(folder: Path, name: str) -> Path:
     """Return the path of a drawing. Raises ConfigurationError if the folder does not exist, or if a picture that
     foldcell did not draw has this path. Called also before a drawing's content is computed."""
-    from foldcell.cell.support.files.whole_file import PNG_MARK, refuse_foreign
-    from foldcell.robots.errors import ConfigurationError
-
     if not folder.is_dir():
         raise ConfigurationError(
             f"{folder}: there is no such folder", "create it, or give another one with --draw"
@@ -196,8 +195,6 @@ def check_garment_output(path: Path | None, replace: bool) -> None:
     """Check the garment file that is to be written, before anything is computed. Raises ConfigurationError,
     StorageError."""
     from foldcell.cell.config.garments.garment_file import shipped_garment_path
-    from foldcell.cell.support.files.whole_file import refuse_unwritable
-    from foldcell.robots.errors import ConfigurationError
 
     if path is None:
         return

@@ -67,11 +67,6 @@ class _Machine(Machine):
     transition_cls = _Transition
 
 
-def _goes_on(event: Event, interrupted: Effect) -> bool:
-    """Whether the interrupted effect follows a pause. Cloth in the hands is laid down also after an abort."""
-    return event is Event.RESUME or (event is Event.ABORT and interrupted is Effect.LAY_BACK)
-
-
 class Executive:
     """The state machine. `handle` raises InternalError for an event that has no row in the present state."""
 
@@ -105,7 +100,10 @@ class Executive:
     def handle(self, event: Event) -> Step:
         """Make the transition for an event. Returns the transition with the effect to perform."""
         source = self.state
-        if source is State.PAUSED and self._interrupted and _goes_on(event, self._interrupted[1]):
+        lays_back = self._interrupted is not None and self._interrupted[1] is Effect.LAY_BACK
+        # cloth in the hands is laid down also after an abort
+        goes_on = event is Event.RESUME or (event is Event.ABORT and lays_back)
+        if source is State.PAUSED and self._interrupted and goes_on:
             target, effect = self._interrupted
             self._machine.set_state(target.value, self._model)
             self._interrupted, self._effect = None, effect

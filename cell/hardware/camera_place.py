@@ -90,7 +90,10 @@ def area_seen(calibration: CameraCalibration, table: Table) -> float:
 def place_in_words(settings: CellSettings) -> str:
     """Return the place of the camera, that of the robot's own camera as drawn, and the height of the table."""
     own = nominal_calibration(find_robot(settings.robot).camera, settings.drawn_table)
-    here, drawn = (_placed(c.T_table_camera) for c in (camera_calibration(settings), own))
+    here, drawn = (
+        f"{_point(T[:3, 3])}, looking at {_point(_target(T))}"
+        for T in (camera_calibration(settings).T_table_camera, own.T_table_camera)
+    )
     base = f"the table is {settings.table.height:+.2f} m from the robot's base"
     return f"at {here}; {base}" if here == drawn else f"at {here}; the robot's own: at {drawn}; {base}"
 
@@ -151,10 +154,6 @@ def _target(T_table_camera: Array) -> Array:
     if eye[2] > 0.0 and axis[2] < -0.1:
         return np.asarray(eye - axis * eye[2] / axis[2])
     return np.array([np.mean(AREA_X), np.mean(AREA_Y), 0.0])
-
-
-def _placed(T_table_camera: Array) -> str:
-    return f"{_point(T_table_camera[:3, 3])}, looking at {_point(_target(T_table_camera))}"
 
 
 def _point(point: Array) -> str:

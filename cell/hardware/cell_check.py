@@ -183,7 +183,8 @@ def _parked_arms(model: RobotModel, table: Table, stated: tuple[Side, ...]) -> F
     key = _park_key(stated, str(contact))
     if key:
         return Finding("parked arms", False, f"{contact} are too near to each other", key)
-    free = next((z for z in _lower(table.height) if _is_free(model, table, z)), None)
+    lower = (Table(z, table.x, table.y) for z in _lower(table.height))
+    free = next((t.height for t in lower if CollisionChecker(model, t).contact(model.q_park) is None), None)
     below = f"; heights up to {free:.2f} are free" if free is not None else ""
     return Finding("parked arms", False, f"{contact} are too near to each other{below}", "table.height")
 
@@ -191,10 +192,6 @@ def _parked_arms(model: RobotModel, table: Table, stated: tuple[Side, ...]) -> F
 def _lower(height: float) -> Iterator[float]:
     steps = int((height - LOWEST_HEIGHT) / HEIGHT_STEP)
     return (round(height - HEIGHT_STEP * (k + 1), 2) for k in range(steps))
-
-
-def _is_free(model: RobotModel, table: Table, height: float) -> bool:
-    return CollisionChecker(model, Table(height, table.x, table.y)).contact(model.q_park) is None
 
 
 def _value(settings: CellSettings, key: str) -> str:

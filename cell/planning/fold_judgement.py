@@ -16,7 +16,7 @@ from foldcell.skills.perception.inspection.claim import ClaimSettings
 from foldcell.skills.scoring.score import named_edge_pairs
 from foldcell.skills.scoring.verdict import Score, ScoreLimits
 from foldcell.skills.trajectory.search.acceptance import judge_prediction
-from foldcell.skills.vocabulary import FoldLine, FoldStep, GraspId
+from foldcell.skills.vocabulary import FoldLine, FoldStep
 
 __all__ = ["Reason", "claim_limits", "judge_edges", "judge_fold", "judge_hands"]
 
@@ -68,7 +68,7 @@ def judge_hands(step: FoldStep, prediction: FoldPrediction) -> tuple[Reason, ...
     """Return what is wrong with the grasps of a predicted fold."""
     found = []
     for grasp_id, pinch in prediction.pinches.items():
-        wanted, hand = step.grasps[grasp_id].layers, _hand(grasp_id)
+        wanted, hand = step.grasps[grasp_id].layers, f"the {grasp_id.planned_arm} hand"
         if not pinch.held_points:
             hint = "place this grasp on the cloth (`inset` in the garment file)"
             found.append(Reason(f"{hand} closes on no cloth", hint, arc=False))
@@ -123,10 +123,6 @@ def judge_fold(
     found += _shape(score, bool(found), edges)
     found += _heights(score)
     return tuple(found)
-
-
-def _hand(grasp_id: GraspId) -> str:
-    return f"the {grasp_id.planned_arm} hand"
 
 
 def _keypoint(

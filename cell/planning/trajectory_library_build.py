@@ -10,7 +10,7 @@ the same library, bit for bit, as an uninterrupted build.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from importlib import metadata
@@ -24,7 +24,7 @@ from foldcell.skills.trajectory.arcs.paths import LIFT_HEIGHT, lifted, tool_path
 from foldcell.skills.trajectory.search.optimise import METHODS, ClothPredictor, optimise_fold
 from foldcell.skills.trajectory.search.problem import Predictor
 from foldcell.skills.trajectory.trajectory_library import Library, LibraryEntry, trajectory_from
-from foldcell.skills.vocabulary import Array, Failure, FoldStep, GraspId, Material, ToolPath
+from foldcell.skills.vocabulary import Array, Failure, FoldStep
 
 __all__ = ["BuildProgress", "BuiltStep", "build_library"]
 
@@ -170,7 +170,7 @@ class _Build:
         trajectory = trajectory_from(entry, step, garment.material.thickness, garment.max_tool_speed)
         assert trajectory is not None  # the entry was made from this step
         paths = {i: lifted(path, self.lift_height) for i, path in tool_paths(trajectory, step).items()}
-        return self.executor.submit(_predict, self.predict, mesh, positions, garment.material, paths).result()
+        return self.executor.submit(self.predict, mesh, positions, garment.material, paths).result()
 
     def _kept(self, garment: Garment, step: str) -> LibraryEntry | None:
         return next((e for e in self.finished.entries if e.step == step and _is_of(e, garment, self.method)), None)
@@ -189,12 +189,6 @@ class _Build:
     def _tell(self, built: BuiltStep) -> None:
         with self.lock:
             self.report(built)
-
-
-def _predict(
-    predict: Predictor, mesh: ClothMesh, positions: Array, material: Material, paths: Mapping[GraspId, ToolPath]
-) -> Array:
-    return predict(mesh, positions, material, paths)
 
 
 def _is_of(entry: LibraryEntry, garment: Garment, method: str) -> bool:

@@ -69,8 +69,8 @@ def render(run: RunRecord, pictures: ReportPictures, title: str, settings: CellS
     those that differ from the shipped ones."""
     template = page_template(
         Path(__file__).with_name("page.html"), capital=words.capital, data_uri=_inlined, figure=words.figure,
-        garment=words.garment_name, metres=words.length, plain=words.plain, seconds=words.seconds, words=_title,
-        value=_value,
+        garment=words.garment_name, metres=words.length, plain=words.plain, seconds=words.seconds,
+        words=lambda name: words.capital(words.plain(name)), value=_value,
     )  # fmt: skip
     changed, shipped = changed_settings(settings, load_settings())
     return template.render(
@@ -92,11 +92,6 @@ def render(run: RunRecord, pictures: ReportPictures, title: str, settings: CellS
         settings=list(flattened(changed)),
         shipped=dict(flattened(shipped)),
     )
-
-
-def _title(name: str) -> str:
-    """Return a name as a title: 'planning_motion' -> 'Planning motion'."""
-    return words.capital(words.plain(name))
 
 
 def _value(setting: Any) -> str:

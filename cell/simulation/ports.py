@@ -21,13 +21,7 @@ from foldcell.robots.ports import (
 __all__ = ["ports_of"]
 
 
-class _Port:
-    __slots__ = ("__weakref__",)
-
-
-class _Clock(_Port):
-    __slots__ = ()
-
+class _Clock:
     def now(self) -> float:
         return _world(self).port_faults.cell_time()
 
@@ -36,9 +30,7 @@ class _Clock(_Port):
         world.sleep_until(world.port_faults.wake_at(t))
 
 
-class _Arms(_Port):
-    __slots__ = ("command_timeout",)
-
+class _Arms:
     def __init__(self, command_timeout: float) -> None:
         self.command_timeout = command_timeout
 
@@ -56,23 +48,17 @@ class _Arms(_Port):
         return world.port_faults.stamped(world.robot.command(q, qd, world.port_faults.delivers()))
 
 
-class _Head(_Port):
-    __slots__ = ()
-
+class _Head:
     def command_pan(self, angle: float) -> None:
         _world(self).robot.command_pan(angle)
 
 
-class _Sided(_Port):
-    __slots__ = ("side",)
-
+class _Sided:
     def __init__(self, side: Side) -> None:
         self.side = side
 
 
 class _Gripper(_Sided):
-    __slots__ = ("max_opening",)
-
     def __init__(self, side: Side, max_opening: float) -> None:
         super().__init__(side)
         self.max_opening = max_opening
@@ -91,16 +77,12 @@ class _Gripper(_Sided):
 
 
 class _Tactile(_Sided):
-    __slots__ = ()
-
     def reading(self) -> TactileReading:
         world = _world(self)
         return world.port_faults.tactile(self.side, lambda side: world.hands[side].tactile.reading(world.now()))
 
 
-class _Camera(_Port):
-    __slots__ = ()
-
+class _Camera:
     def capture(self) -> CameraFrame:
         world = _world(self)
         return world.port_faults.stamped(world.capture())
@@ -110,9 +92,7 @@ class _Camera(_Port):
         return world.port_faults.stamped(world.glimpse())
 
 
-class _Stop(_Port):
-    __slots__ = ()
-
+class _Stop:
     def trigger(self, reason: str) -> None:
         _world(self).robot.trigger_stop(reason)
 
@@ -124,9 +104,7 @@ class _Stop(_Port):
         _world(self).robot.reset_stop()
 
 
-class _Attendant(_Port):
-    __slots__ = ()
-
+class _Attendant:
     def lay_garment(self) -> None:
         _world(self).lay_garment()
 
@@ -153,6 +131,6 @@ def ports_of(world: World) -> Ports:
     return ports
 
 
-def _world(port: _Port) -> World:
+def _world(port: object) -> World:
     world: World = world_behind(port)
     return world

@@ -15,7 +15,7 @@ def layout(floor: float = 0.0) -> rrb.Blueprint:
     """Return the blueprint that is stored in each recording. floor: height of the floor in the base frame [m]."""
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(_cell(floor), _states(), row_shares=[7, 1]),
+            rrb.Vertical(_cell(floor), rrb.StateTimelineView(origin="executive", name="State"), row_shares=[7, 1]),
             rrb.Vertical(_camera(), _series(), _log(), row_shares=[5, 4, 3]),
             column_shares=[8, 5],
         ),
@@ -67,10 +67,6 @@ def _series() -> rrb.Tabs:
         ),
         active_tab=0,
     )
-
-
-def _states() -> rrb.StateTimelineView:
-    return rrb.StateTimelineView(origin="executive", name="State")
 
 
 def _log() -> rrb.TextLogView:

@@ -72,11 +72,6 @@ def as_list(value: Any) -> Any:
     return value if isinstance(value, list | tuple) else [value]
 
 
-def _or_empty(value: Any) -> Any:
-    """Treat a key without a value as an empty list."""
-    return () if value is None else value
-
-
 def _seconds(about: str, **more: Any) -> Any:
     low: dict[str, Any] = {} if "gt" in more else {"ge": 0.0}
     return Field(le=_LONGEST_S, strict=True, allow_inf_nan=False, description=about, **low, **more)
@@ -236,7 +231,9 @@ class Script(Group):
         float, _seconds("cell time after which the run is aborted and the script fails", gt=0.0)
     ] = LIMIT_S
     cell: dict[str, Any] = Field({}, description="settings that override those of the cell")
-    do: Annotated[tuple[Action, ...], BeforeValidator(_or_empty)] = Field((), description="actions during the run")
+    do: Annotated[tuple[Action, ...], BeforeValidator(lambda value: () if value is None else value)] = Field(
+        (), description="actions during the run"
+    )
     expect: Expectation = Field(description="expected results")
     _path: Path = PrivateAttr(default=Path())
     _setting_lines: dict[Key, int] = PrivateAttr(default_factory=dict)

@@ -27,7 +27,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from foldcell.cell.campaigns.hil.script import Action, Group
+from foldcell.cell.campaigns.hil.script import Action, Group, as_list
 from foldcell.cell.config.cell_settings import CellSettings, overlaid
 from foldcell.cell.config.garments.garment_file import list_garments, load_garment
 from foldcell.cell.config.yaml_file import Document, read_yaml, validated
@@ -100,11 +100,6 @@ class Seeds(Group):
 _Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.-]{0,40}$")]
 
 
-def _as_list(value: Any) -> Any:
-    """Treat a single name as a list of one name."""
-    return [value] if isinstance(value, str) else value
-
-
 def _or_mapping(value: Any) -> Any:
     """Accept a variant with nothing after the colon as a variant without keys."""
     return {k: {} if v is None else v for k, v in value.items()} if isinstance(value, Mapping) else value
@@ -114,7 +109,7 @@ class CampaignFile(Group):
     """The content of a campaign file."""
 
     about: str = Field("", description="the question that the campaign answers, in one sentence")
-    garments: Annotated[tuple[str, ...], BeforeValidator(_as_list)] = Field(
+    garments: Annotated[tuple[str, ...], BeforeValidator(as_list)] = Field(
         (ALL,), min_length=1, description="names or files, or all"
     )
     seeds: Seeds = Field(description="{first, count}, or a list of seeds")

@@ -178,7 +178,7 @@ def _robot_model(name: str) -> Iterable[Check]:
 
 
 COMPILED = (
-    "foldcell.cell.report.pictures.cloth_raster", "foldcell.cell.report.pictures.mesh_raster",
+    "foldcell.cell.report.pictures.mesh_raster",
     "foldcell.skills.cloth.intersections.crossings",
     "foldcell.skills.cloth.kernel", "foldcell.skills.fold_figures.table_raster",
     "foldcell.skills.motion.kinematics.ik",

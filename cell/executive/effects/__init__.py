@@ -15,16 +15,13 @@ from foldcell.cell.executive.effects import (
     folding,
     grasping,
     inspecting,
-    lifting,
     moving,
     planning,
     pressing,
-    releasing,
     seeing,
 )  # fmt: skip
 from foldcell.cell.executive.effects.recovery import deciding, estimating, laying, repairing, spreading
 from foldcell.cell.executive.runner import EffectFunction
-from foldcell.cell.hardware.workcell import Workcell
 from foldcell.cell.states.run_context import Result, RunContext
 from foldcell.cell.states.stages import Attempt, Plan
 from foldcell.cell.states.transition_table import Effect, Event
@@ -34,10 +31,6 @@ from foldcell.robots.ports import CameraFrame
 __all__ = ["EFFECTS"]
 
 T = TypeVar("T")
-
-
-def _nothing(cell: Workcell, context: RunContext) -> Result:
-    return Result(Event.DONE, context)
 
 
 def _required(value: T | None, name: str) -> T:
@@ -59,7 +52,7 @@ def _attempt(context: RunContext) -> Attempt:
 
 
 EFFECTS: Mapping[Effect, EffectFunction] = {
-    Effect.NOTHING: _nothing,
+    Effect.NOTHING: lambda cell, c: Result(Event.DONE, c),
     Effect.PREPARE: moving.prepare,
     Effect.REENTER: lambda cell, c: moving.reenter(cell, c, _required(c.reentry, "re-entry event")),
     Effect.PHOTOGRAPH_TABLE: seeing.photograph_table,
@@ -80,9 +73,9 @@ EFFECTS: Mapping[Effect, EffectFunction] = {
     Effect.CHECK_PLACE: lambda cell, c: checking.check_place(cell, c, _attempt(c), _frame(c)),
     Effect.APPROACH: lambda cell, c: checking.approach_watched(cell, c, _attempt(c)),
     Effect.GRASP: lambda cell, c: grasping.grasp(cell, c, _plan(c), _attempt(c)),
-    Effect.LIFT: lifting.lift,
+    Effect.LIFT: folding.lift,
     Effect.FOLD: lambda cell, c: folding.fold(cell, c, _attempt(c)),
-    Effect.RELEASE: lambda cell, c: releasing.release_garment(cell, c, _attempt(c)),
+    Effect.RELEASE: lambda cell, c: folding.release_garment(cell, c, _attempt(c)),
     Effect.RETREAT: moving.retreat,
     Effect.INSPECT: lambda cell, c: inspecting.inspect_fold(cell, c, _plan(c), _attempt(c), _frame(c)),
     Effect.PRESS: lambda cell, c: pressing.press(

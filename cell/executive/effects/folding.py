@@ -1,4 +1,4 @@
-"""The effect that folds: it follows the arc with the garment in the hands."""
+"""Effects with the garment in the hands: lift it, follow the arc, release it."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from foldcell.cell.control.motion import Tick, Watch
+from foldcell.cell.control.motions.hands import commanding, each_hand
 from foldcell.cell.control.motions.trajectory import stream
-from foldcell.cell.executive.effects.checked_motion import as_failure, pausable, with_waiting_time
+from foldcell.cell.executive.effects.checked_motion import as_failure, move, pausable, with_waiting_time
+from foldcell.cell.executive.effects.recovery.parking import RELEASE_OPENING
 from foldcell.cell.hardware.workcell import Workcell
 from foldcell.cell.states.fold_context import FoldContext
 from foldcell.cell.states.run_context import Result, RunContext, effect
@@ -16,11 +18,33 @@ from foldcell.cell.states.stages import Attempt
 from foldcell.cell.states.transition_table import Event
 from foldcell.robots.errors import DriverError, Failure, FailureKind
 from foldcell.robots.ports import Array, CameraFrame
+from foldcell.skills.grasping.confirm import LiftCheck, check_lift
+from foldcell.skills.grasping.release import release, start_release
 from foldcell.skills.grasping.slip import start_slip_watch, watch_slip
 from foldcell.skills.motion.moves.arc import plan_arc
+from foldcell.skills.motion.moves.lift import plan_lift
 from foldcell.skills.vocabulary import CameraCalibration, Outcome
 
-__all__ = ["all_of", "fold", "slip_watch"]
+__all__ = ["all_of", "fold", "lift", "release_garment", "slip_watch"]
+
+
+@effect
+def lift(cell: Workcell, context: RunContext) -> Result:
+    """Lift the garment a little and check that every hand still holds it."""
+    fold, q = context.fold, cell.ports.arms.state().q
+    if fold.repair is None:  # how the garment lay before a repair is less certain than how it lies after it
+        cell.hand_record.begin()
+    height = cell.settings.grasp.lift_height
+    up = plan_lift(cell.robot, cell.execution_checker, q, tuple(fold.held), height, limits=cell.limits)
+    if up.ok:
+        context = replace(context, fold=replace(fold, carrying=(up.unwrap(),)))
+    control = pausable(cell)
+    failure = up.failure or as_failure(lambda: move(cell, up.unwrap(), fingertips=True, control=control))
+    context = with_waiting_time(context, control)
+    context.require(failure)
+    checks = {s: LiftCheck(cell.grasp, fold.biases[s], held) for s, held in fold.held.items()}
+    held = context.need(each_hand(cell.loop, cell.hands, checks, lambda side, r, s: check_lift(r, s)))
+    return Result(Event.DONE, replace(context, fold=replace(context.fold, held=held)))
 
 
 @effect
@@ -48,6 +72,19 @@ def fold(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
     # a run that is interrupted from now on is resumed with a look at the completed fold
     context = context.with_attempt(replace(attempt, carried=True))
     return Result(Event.DONE, context, {"duration_s": trajectory.duration})
+
+
+@effect
+def release_garment(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
+    """Open the pads just wide enough to release the garment."""
+    context, hands, repair = context.with_attempt(replace(attempt, carried=True)), cell.hands, context.fold.repair
+    state = cell.ports.arms.state()
+    states = {s: start_release(RELEASE_OPENING, hands.read(s, state)) for s in context.fold.held}
+    context.need(each_hand(cell.loop, hands, states, commanding(hands, release)))
+    if repair is not None:
+        made = (context.fold.index, f"{repair.name}: {repair.in_words()}")
+        context = replace(context, repairs=(*context.repairs, made))
+    return Result(Event.DONE, replace(context, fold=replace(context.fold, held={})))
 
 
 def slip_watch(cell: Workcell, fold: FoldContext) -> Watch:

@@ -99,7 +99,8 @@ def grasp(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt) -> 
         closed = Outcome(failure=_with_standing(cell, attempt, fold, stated, state, closed.failure))
     held = context.need(closed, record)
     record |= {"held": {s.value: {"grip_n": h.grip, "opening_m": h.opening} for s, h in held.items()}}
-    measured = _measured_thickness(attempt, held, settings)
+    openings = [(h.opening - settings.empty_opening) / attempt.grasp_of(s).layers for s, h in held.items()]
+    measured = float(np.mean(openings))  # of a layer between the pads, if each hand holds the planned layers
     fold = replace(fold, held=held, layer_thickness=measured)
     return Result(Event.DONE, replace(context, fold=fold), {**record, "layer_thickness_m": measured})
 
@@ -257,13 +258,6 @@ def _layer_thickness(context: RunContext, garment: Garment, settings: GraspSetti
         return context.layer_thickness, LEARNED_ERROR
     stated = garment.material.thickness
     return stated, max(settings.thickness_error, garment.thickness_sigma(settings.thickness_error) / stated)
-
-
-def _measured_thickness(attempt: Attempt, held: Mapping[Side, Held], settings: GraspSettings) -> float:
-    """Return the thickness of a layer between the pads [m], if each hand holds the planned layers."""
-    return float(
-        np.mean([(h.opening - settings.empty_opening) / attempt.grasp_of(s).layers for s, h in held.items()])
-    )
 
 
 def _expected(grasp: Grasp, stated: float, thickness: float) -> Expectation:

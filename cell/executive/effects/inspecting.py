@@ -17,7 +17,7 @@ from foldcell.cell.states.stages import Attempt, Plan, with_drift
 from foldcell.cell.states.transition_table import Event
 from foldcell.robots.errors import Failure, FailureKind
 from foldcell.robots.ports import CameraFrame
-from foldcell.skills.perception.inspection.claim import Claim, claim_to_dict
+from foldcell.skills.perception.inspection.claim import claim_to_dict
 from foldcell.skills.perception.inspection.diagnosis import (
     beyond_limits,
     diagnose,
@@ -55,7 +55,9 @@ def inspect_fold(cell: Workcell, context: RunContext, plan: Plan, attempt: Attem
     attempt, inspection = context.need(judge_fold(cell, context, plan, attempt, frame))
     claim = attempt.claim
     context = context.with_attempt(attempt)
-    record = _record(inspection, claim)
+    record: dict[str, object] = {**figures(inspection)}
+    if claim is not None:
+        record["claim"] = claim_to_dict(claim)
     cell.recorder.observed(cell.ports.clock.now(), inspection.contour)
     too_high = claim is not None and claim.shape and not claim.flat
     if inspection.diagnosis is None or too_high or diagnosed_by_height(inspection, cell.inspection):
@@ -216,11 +218,6 @@ def _seen_anew(cell: Workcell, context: RunContext, frame: CameraFrame) -> Outco
     seen = replace(seen, diagnosis=kind, confidence=confidence)
     done = (*(replace(note, hidden=True) for note in context.done[:-1]), replace(last, anew=seen))
     return Outcome(replace(context, done=done))
-
-
-def _record(inspection: Inspection, claim: Claim | None) -> dict[str, object]:
-    """Return the figures for the journal."""
-    return {**figures(inspection)} if claim is None else {**figures(inspection), "claim": claim_to_dict(claim)}
 
 
 def figures(inspection: Inspection) -> dict[str, float]:

@@ -193,10 +193,6 @@ def _until_stopped(cell: Workcell) -> Predictor:
     return predict
 
 
-def _draws(cell: Workcell, search: int) -> np.random.Generator:
-    return search_rng(cell.rng(), search)
-
-
 @effect
 def plan_motion(cell: Workcell, context: RunContext, plan: Plan, trajectory: GraspTrajectory) -> Result:
     """Plan both arms' motion for the step, and predict the garment's shape after it."""
@@ -211,7 +207,7 @@ def plan_motion(cell: Workcell, context: RunContext, plan: Plan, trajectory: Gra
         cell.settings.computing.motion_s,
         lambda: plan_arms(
             cell.settings, cell.robot, cell.checker, cell.limits, plan.garment, step, paths, q_now,
-            _draws(cell, searches), avoid, fold.count(Adjustment.UPRIGHT) > 0,
+            search_rng(cell.rng(), searches), avoid, fold.count(Adjustment.UPRIGHT) > 0,
         ),
     )  # fmt: skip
     motion = context.need(planned)

@@ -80,7 +80,8 @@ class LiveView:
         offer: Callable[[Work], bool] | None = None,
     ) -> None:
         """offer: performs work on another thread, and returns False if it is busy; None: a thread of its own."""
-        self._worker = BoundedWorker[Work]("operators-picture", lambda work: work(), _ignore, 1.0)
+        # an error of a picture is ignored: the page shows that the last picture grows old
+        self._worker = BoundedWorker[Work]("operators-picture", lambda work: work(), lambda error: None, 1.0)
         self._offer = offer or self._worker.offer
         self._nominal, self._clock = calibration, clock
         self._lock, self._drawing = threading.Lock(), threading.Lock()
@@ -297,7 +298,3 @@ def _glimpses(ports: Ports) -> Display:
         return lambda: frame
 
     return Display(take, lambda: None, lambda tell: None)
-
-
-def _ignore(error: BaseException) -> None:
-    """Ignore an error of a picture. The page shows that the last picture grows old."""

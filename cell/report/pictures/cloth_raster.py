@@ -1,4 +1,4 @@
-"""Rasters for drawn cloth: a z-buffer with smooth shading, and the mask of a shadow. Pixels only, no camera."""
+"""Drawn cloth: its brightness and which of its sides shows, and the mask of a shadow."""
 
 from __future__ import annotations
 
@@ -8,58 +8,69 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from foldcell.cell.report.pictures.mesh_raster import Canvas, Lens, Mesh, draw_mesh
 from foldcell.robots.ports import Array
-from foldcell.skills.compiled import cached
+from foldcell.skills.fold_figures.drawn_mesh import vertex_normals
 
-__all__ = ["Raster", "darken", "draw_cloth", "raster_cloth", "raster_shadow"]
+__all__ = ["darken", "draw_cloth", "raster_cloth", "raster_shadow"]
 
 Picture = NDArray[np.uint8]
-Colour = tuple[int, int, int]
-
-Raster = tuple[tuple[slice, slice], NDArray[np.float32], NDArray[np.uint8]]
-"""The part of the picture that the cloth covers (rows, columns), its brightness there (NaN: no cloth), and 1 where
-the front of the cloth shows."""
+SIDES = np.array([[[255, 0, 0], [255, 255, 0]]], np.uint8)
+"""Texture of the back and of the front: the first channel becomes the brightness, the second tells the sides
+apart."""
 
 
 def raster_cloth(
-    pixels: Array,
+    vertices: Array,
     triangles: NDArray[np.integer],
-    shade: Array,
-    facing: Array,
+    pose: Array,
+    lens: Lens,
+    light: Array,
     shape: tuple[int, int],
     sliver: int,
-) -> Raster | None:
-    """Raster triangles (m, 3). pixels: (n, 3) column, row [px] and depth; shade, facing: (n,) brightness, and
-    positive where the front is seen; shape: of the picture. None: the cloth is outside the picture.
+) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """Raster cloth (n, 3), (m, 3). Returns its brightness (H, W), NaN where no cloth is, and 1 where its front
+    shows. pose: (4, 4) of the cloth's frame in that of the camera; light: (3,) unit vector to the light, in the
+    camera's frame; shape: of the picture.
 
     sliver: a strip of cloth of about twice this width [px] or less is a sliver. If one side of the cloth shows
     only in a sliver beside the other side, it is drawn in the colour of the other side.
     """
-    margin = 2 * sliver + 2
-    low = np.maximum(np.floor(pixels[:, 1::-1].min(axis=0)).astype(int) - margin, 0)
-    high = np.minimum(np.ceil(pixels[:, 1::-1].max(axis=0)).astype(int) + margin, shape)
-    if np.any(high <= low):
-        return None
-    part = slice(int(low[0]), int(high[0])), slice(int(low[1]), int(high[1]))
-    size = int(high[0] - low[0]), int(high[1] - low[1])
-    depth = np.full(size, np.inf, np.float32)
-    tone = np.full(size, np.nan, np.float32)
-    front = np.zeros(size, np.uint8)
-    local = np.ascontiguousarray(pixels - [low[1], low[0], 0.0])
-    _rasterise(local, triangles.astype(np.int64), shade, facing, depth, tone, front)
-    return part, tone, _without_slivers(front, np.isfinite(depth), sliver)
+    canvas = _drawn(vertices, triangles, pose, lens, light, shape)
+    cloth = canvas.nearest > 0.0
+    tone = np.where(cloth, canvas.rgb[..., 0] / np.float32(255.0), np.float32(np.nan))
+    return tone, _without_slivers((canvas.rgb[..., 1] > 0).astype(np.uint8), cloth, sliver)
 
 
 def raster_shadow(
-    pixels: Array, triangles: NDArray[np.integer], shape: tuple[int, int], softness: float
+    vertices: Array,
+    triangles: NDArray[np.integer],
+    pose: Array,
+    lens: Lens,
+    shape: tuple[int, int],
+    softness: float,
 ) -> NDArray[np.float32]:
-    """Return the shadow (shape) of triangles, 0 (none) to 1, with a soft edge. pixels: (n, 2) corners [px];
-    softness: standard deviation of the blur [px]."""
-    flat, even = np.column_stack([pixels[:, :2], np.zeros(len(pixels))]), np.ones(len(pixels))
-    depth, tone, front = np.full(shape, np.inf, np.float32), np.empty(shape, np.float32), np.empty(shape, np.uint8)
-    _rasterise(flat, triangles.astype(np.int64), even, even, depth, tone, front)
-    soft = cv2.GaussianBlur(np.where(np.isfinite(depth), 255, 0).astype(np.uint8), (0, 0), softness)
+    """Return the shadow (H, W) of cloth on a plane, 0 (none) to 1, with a soft edge. vertices: (n, 3) of the
+    shadow; softness: standard deviation of the blur [px]."""
+    canvas = _drawn(vertices, triangles, pose, lens, np.zeros(3), shape)
+    soft = cv2.GaussianBlur(np.where(canvas.nearest > 0.0, 255, 0).astype(np.uint8), (0, 0), softness)
     return np.asarray(soft, dtype=np.float32) / np.float32(255.0)
+
+
+def _drawn(
+    vertices: Array, triangles: NDArray[np.integer], pose: Array, lens: Lens, light: Array, shape: tuple[int, int]
+) -> Canvas:
+    """Draw the sides of cloth. A triangle shows one side only, even if its vertices face different ways."""
+    normals, eye = vertex_normals(vertices, triangles), -pose[:3, :3].T @ pose[:3, 3]
+    facing = np.einsum("ij,ij->i", normals, eye - vertices)
+    front = np.repeat(facing[triangles].sum(axis=1) > 0.0, 3)
+    corners, count = triangles.ravel(), triangles.size
+    each = np.arange(count, dtype=np.int32).reshape(-1, 3)
+    texels = np.column_stack([front + 0.5, np.full(count, 0.5)])
+    mesh = Mesh(vertices[corners], normals[corners], np.zeros(count, np.int32), each, texels, SIDES)
+    canvas = Canvas(np.zeros((*shape, 3), np.uint8), np.zeros(shape, np.float32))
+    draw_mesh(canvas, mesh, pose[None], lens, light)
+    return canvas
 
 
 def _without_slivers(front: NDArray[np.uint8], cloth: NDArray[np.bool_], sliver: int) -> NDArray[np.uint8]:
@@ -75,35 +86,6 @@ def _without_slivers(front: NDArray[np.uint8], cloth: NDArray[np.bool_], sliver:
         other = cv2.dilate((cloth & (front != side)).astype(np.uint8), kernel) > 0
         front = np.where(thin & other, 1 - side, front).astype(np.uint8)
     return front
-
-
-@cached()
-def _rasterise(p, triangles, shade, facing, depth, tone, front):  # type: ignore[no-untyped-def]
-    """Fill triangles with a z-buffer. p: (n, 3) pixel and depth; shade, facing: (n,) at the vertices. depth, tone,
-    front: (H, W) results: depth, brightness, and 1 where the front of the cloth shows."""
-    height, width = depth.shape
-    for m in range(triangles.shape[0]):
-        i, j, k = triangles[m, 0], triangles[m, 1], triangles[m, 2]
-        x0, y0, x1, y1, x2, y2 = p[i, 0], p[i, 1], p[j, 0], p[j, 1], p[k, 0], p[k, 1]
-        area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
-        if abs(area) < 1e-9:
-            continue
-        left, right = max(0, int(min(x0, x1, x2))), min(width - 1, int(max(x0, x1, x2)) + 1)
-        top, bottom = max(0, int(min(y0, y1, y2))), min(height - 1, int(max(y0, y1, y2)) + 1)
-        # a triangle shows one side only, even if its vertices face different ways
-        side = facing[i] + facing[j] + facing[k] > 0.0
-        for row in range(top, bottom + 1):
-            for column in range(left, right + 1):
-                b = ((column - x0) * (y2 - y0) - (x2 - x0) * (row - y0)) / area
-                c = ((x1 - x0) * (row - y0) - (column - x0) * (y1 - y0)) / area
-                a = 1.0 - b - c
-                if a < -1e-6 or b < -1e-6 or c < -1e-6:
-                    continue
-                z = a * p[i, 2] + b * p[j, 2] + c * p[k, 2]
-                if z < depth[row, column]:
-                    depth[row, column] = z
-                    tone[row, column] = a * shade[i] + b * shade[j] + c * shade[k]
-                    front[row, column] = side
 
 
 def darken(canvas: Picture, shadow: NDArray[Any], strength: float) -> None:

@@ -22,8 +22,8 @@ from foldcell.cell.report.pictures.cloth_raster import (
     raster_cloth,
     raster_shadow,
 )
+from foldcell.cell.report.pictures.mesh_raster import Lens
 from foldcell.robots.ports import Array, Side
-from foldcell.skills.fold_figures.drawn_mesh import vertex_normals
 from foldcell.skills.vocabulary import Table
 
 __all__ = [
@@ -39,6 +39,8 @@ TAPE, TAPE_RIM = (52, 190, 90), (18, 84, 40)
 TOOL, INK = (52, 55, 62), (40, 42, 48)
 LIGHT = np.array([-0.35, 0.45, 0.82]) / np.linalg.norm([-0.35, 0.45, 0.82])
 AMBIENT = 0.45
+NEAREST = 0.05
+"""Points nearer to the camera than this are not drawn [m]."""
 SHADOW = 0.38
 """Share of the light that a shadow takes away."""
 SUPERSAMPLE = 2
@@ -103,10 +105,22 @@ class View:
         right /= np.linalg.norm(right)
         return np.stack([right, np.cross(forward, right), forward])
 
+    @property
+    def pose(self) -> Array:
+        """Pose (4, 4) of the table frame in the camera's frame."""
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = self.rotation, -self.rotation @ self.eye
+        return T
+
+    @property
+    def lens(self) -> Lens:
+        centre = (self.width / 2 + self.shift[0], self.height / 2 + self.shift[1])
+        return Lens((self.focal, self.focal), centre, NEAREST, AMBIENT, 1.0 - AMBIENT)
+
     def project(self, points: Array) -> Array:
         """Project points (n, 3) to (n, 3): column, row [px] and depth [m]."""
         p = (np.asarray(points, dtype=np.float64) - self.eye) @ self.rotation.T
-        uv = self.focal * p[:, :2] / p[:, 2:] + [self.width / 2 + self.shift[0], self.height / 2 + self.shift[1]]
+        uv = self.focal * p[:, :2] / p[:, 2:] + self.lens.centre
         return np.column_stack([uv, p[:, 2]])
 
     @classmethod
@@ -214,7 +228,7 @@ def _table(canvas: Picture, view: View, table: Table) -> None:
         np.column_stack([x[::-1], np.full(40, table.y[1])]), np.column_stack([np.full(40, table.x[0]), y[::-1]]),
     ])  # fmt: skip
     p = view.project(np.column_stack([rim, np.zeros(len(rim))]))
-    p = p[p[:, 2] > 0.05]
+    p = p[p[:, 2] > NEAREST]
     if len(p) >= 3:
         cv2.fillPoly(canvas, [np.round(p[:, :2] * 16).astype(np.int32)], TABLE_COLOUR, cv2.LINE_AA, 4)
 
@@ -223,23 +237,17 @@ def _shadow(canvas: Picture, view: View, vertices: Array, triangles: NDArray[np.
     """Darken the table by the garment's shadow: its blurred projection along the light onto z = 0. view: of the
     picture; the canvas is larger, and a shadow has no sharp edges."""
     reach = vertices[:, 2:].clip(min=0.0) / LIGHT[2]
-    p = view.project(np.column_stack([vertices[:, :2] - reach * LIGHT[:2], np.zeros(len(vertices))]))
-    soft = raster_shadow(p, triangles, (view.height, view.width), 3.0)
+    flat = np.column_stack([vertices[:, :2] - reach * LIGHT[:2], np.zeros(len(vertices))])
+    soft = raster_shadow(flat, triangles, view.pose, view.lens, (view.height, view.width), 3.0)
     darken(canvas, cv2.resize(soft, (canvas.shape[1], canvas.shape[0])), SHADOW)
 
 
 def _cloth(
     canvas: Picture, view: View, vertices: Array, triangles: NDArray[np.integer], colours: ClothColours
 ) -> None:
-    normals = vertex_normals(vertices, triangles)
-    shade = AMBIENT + (1.0 - AMBIENT) * np.abs(normals @ LIGHT)
-    facing = np.einsum("ij,ij->i", normals, view.eye - vertices)
-    drawn = raster_cloth(
-        view.project(vertices), triangles, shade, facing, (view.height, view.width), SLIVER * SUPERSAMPLE
-    )
-    if drawn is not None:
-        part, tone, front = drawn
-        draw_cloth(canvas[part], tone, front, np.array([colours.back, colours.front], float))
+    light, shape = view.rotation @ LIGHT, (view.height, view.width)
+    tone, front = raster_cloth(vertices, triangles, view.pose, view.lens, light, shape, SLIVER * SUPERSAMPLE)
+    draw_cloth(canvas, tone, front, np.array([colours.back, colours.front], float))
 
 
 def _closed(line: Array) -> Array:

@@ -15,7 +15,6 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -73,15 +72,13 @@ def emulated_cell(
         yield SimulatedCell(
             ports,
             TruthSource(partial(world.ask, "truth"), lambda tell: None),
-            _Faults(world),
+            world,
             Checkpoint(partial(world.ask, "checkpoint"), partial(world.ask, "restore")),
             Display(display, lambda: None, lambda tell: None),
         )
 
 
 class _Attendant:
-    __slots__ = ("__weakref__",)
-
     def lay_garment(self) -> None:
         world_behind(self).ask("lay_garment")
 
@@ -112,6 +109,9 @@ class _World:
                 raise _gone(str(error)) from error
             return self._answer(ANSWER_S)
 
+    def add(self, fault: Fault) -> None:
+        self.ask("inject", fault)
+
     def close(self) -> None:
         self._process.close(patience_s=3.0)
 
@@ -133,14 +133,6 @@ def _gone(why: str) -> DriverError:
         f"the emulated robot does not respond: {why}",
         "start the run again; see its output",
     )
-
-
-@dataclass(frozen=True)
-class _Faults:
-    _world: _World
-
-    def add(self, fault: Fault) -> None:
-        self._world.ask("inject", fault)
 
 
 @contextmanager

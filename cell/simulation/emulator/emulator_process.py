@@ -45,17 +45,14 @@ def main() -> None:
             cell = closing.enter_context(open_simulated_cell(settings, seed))
             driver = find_robot(settings.robot).driver
             assert driver is not None  # checked before this process was started
-            emulator = closing.enter_context(driver.emulate(cell.ports, topics, PATIENCE_S, network, _tell))
+            tell = partial(print, "the robot does not execute an order on", file=sys.stderr, flush=True)
+            emulator = closing.enter_context(driver.emulate(cell.ports, topics, PATIENCE_S, network, tell))
         except CellError as error:
             connection.send(error)
             return
         gc.collect()
         gc.freeze()
         _serve(connection, cell, emulator)
-
-
-def _tell(what: str) -> None:
-    print(f"the robot does not execute an order on {what}", file=sys.stderr, flush=True)
 
 
 def _serve(connection: Connection, cell: SimulatedCell, emulator: EmulatedRobot) -> None:

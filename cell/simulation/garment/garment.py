@@ -37,8 +37,7 @@ class _Pose:
     angle: float
 
     def place(self, xy: Array) -> Array:
-        c, s = np.cos(self.angle), np.sin(self.angle)
-        return xy @ np.array([[c, s], [-s, c]]) + (self.x, self.y)
+        return np.asarray(np.add(_turned(xy, self.angle), (self.x, self.y)))
 
 
 class WorldGarment:

@@ -86,16 +86,13 @@ class _Hold:
         The stack can turn freely about the line along which the pads hold it."""
         mean = self.height.mean()
         r = self.height - mean
-        at = (self._points(x) - position) @ rotation
+        at = (np.einsum("kj,kjd->kd", self.bary, x[self.vertex]) - position) @ rotation
         along, across = r @ (at[:, 2] - mean), r @ at[:, 1]
         size = float(np.hypot(along, across))
         c, s = (along / size, across / size) if size > 1e-12 else (1.0, 0.0)
         ramp = max(0.0, 1.0 - self.age / CLOSING)
         final = np.column_stack((self.offset[:, 0], s * r, mean + c * r))
         return np.asarray(position + (final + ramp * (self.offset - final)) @ rotation.T)
-
-    def _points(self, x: Array) -> Array:
-        return np.einsum("kj,kjd->kd", self.bary, x[self.vertex])
 
 
 class MujocoCloth:

@@ -11,7 +11,7 @@ import pytest
 
 from foldcell.cell.control.motions.guarded_motions import FingertipForceMonitor
 from foldcell.cell.control.motions.hands import Hands
-from foldcell.cell.executive.effects import EFFECTS, grasping, lifting
+from foldcell.cell.executive.effects import EFFECTS, folding, grasping
 from foldcell.cell.executive.effects.recovery import deciding
 from foldcell.cell.hardware.workcell import Workcell
 from foldcell.cell.states.fold_context import FoldContext
@@ -281,20 +281,20 @@ def test_a_hand_that_cannot_rise_is_a_failed_lift(part: str, monkeypatch: pytest
     why = Failure(K.TRACKING_ERROR, "the arm lags")
     lift: Any = object()
     monkeypatch.setattr(
-        lifting, "plan_lift", lambda *_, **__: Outcome(failure=why) if part == "plan" else Outcome(lift)
+        folding, "plan_lift", lambda *_, **__: Outcome(failure=why) if part == "plan" else Outcome(lift)
     )
-    monkeypatch.setattr(lifting, "move", lambda *_, **__: why)
-    result = lifting.lift(work, held)
+    monkeypatch.setattr(folding, "move", lambda *_, **__: why)
+    result = folding.lift(work, held)
     assert result.event is Event.FAILED and result.context.failure is why
 
 
 def test_slip_detection_uses_the_grip_measured_after_the_lift(monkeypatch: pytest.MonkeyPatch) -> None:
     cell, work, context, both = over_cloth(monkeypatch)
     context = EFFECTS[Effect.GRASP](work, context).context
-    monkeypatch.setattr(lifting, "plan_lift", lambda *_, **__: Outcome("up"))
-    monkeypatch.setattr(lifting, "move", lambda *_, **__: None)
+    monkeypatch.setattr(folding, "plan_lift", lambda *_, **__: Outcome("up"))
+    monkeypatch.setattr(folding, "move", lambda *_, **__: None)
     both[Side.LEFT].force *= 0.8  # the grip settles
-    lifted = lifting.lift(work, context)
+    lifted = folding.lift(work, context)
     assert lifted.event is Event.DONE
     before, after = context.fold.held[Side.LEFT], lifted.context.fold.held[Side.LEFT]
     assert after.grip == pytest.approx(0.8 * before.grip, abs=NOISE) and after.stamp > before.stamp

@@ -12,7 +12,7 @@ import pytest
 from foldcell.cell.control.motion import Tick
 from foldcell.cell.control.motions.guarded_motions import Lowering
 from foldcell.cell.control.motions.hands import Hands
-from foldcell.cell.executive.effects import EFFECTS, checked_motion, folding, grasping, lifting, moving
+from foldcell.cell.executive.effects import EFFECTS, checked_motion, folding, grasping, moving
 from foldcell.cell.executive.effects.recovery import freeing, parking, ways_out
 from foldcell.cell.executive.effects.recovery.ways_out import FREEING_TRIES
 from foldcell.cell.hardware.workcell import Workcell
@@ -200,13 +200,13 @@ def test_a_camera_failure_does_not_end_a_fold_but_a_stop_does(
 @pytest.mark.parametrize("side", list(Side))
 def test_a_loss_of_cloth_during_the_lift_is_a_missed_grasp(side: Side, monkeypatch: pytest.MonkeyPatch) -> None:
     cell, workcell, context = holding(monkeypatch)
-    monkeypatch.setattr(lifting, "plan_lift", lambda *_, **__: Outcome(way(0.1)))
+    monkeypatch.setattr(folding, "plan_lift", lambda *_, **__: Outcome(way(0.1)))
     monkeypatch.setattr(checked_motion, "check_trajectory", lambda *_, **__: Outcome("checked"))
-    assert lifting.lift(workcell, context).event is Event.DONE
+    assert folding.lift(workcell, context).event is Event.DONE
     cell.q = np.zeros(14)
     workcell.last_command.q = None
     lose(cell, side)
-    result = lifting.lift(workcell, context)
+    result = folding.lift(workcell, context)
     assert result.event is Event.FAILED and result.context.failure.kind is FailureKind.MISSED_GRASP
     assert f"the {side} hand" in result.context.failure.what
 

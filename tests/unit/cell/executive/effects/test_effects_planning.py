@@ -14,7 +14,7 @@ from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.config.garments.garment_file import load_garment
 from foldcell.cell.config.trajectory_library.library_file import entry_of
 from foldcell.cell.executive.effects import EFFECTS
-from foldcell.cell.executive.effects.planning import _draws
+from foldcell.cell.planning.fold_planning import search_rng
 from foldcell.cell.states.recovery_table import Adjustment
 from foldcell.cell.states.run_context import Result, RunContext
 from foldcell.cell.states.transition_table import Effect, Event
@@ -236,9 +236,9 @@ def test_the_recorder_gets_every_candidate_of_the_search(
 
 def test_each_search_has_its_own_reproducible_random_numbers() -> None:
     workcell = fake_workcell(FakeCell())
-    first, second, third = (_draws(workcell, k).random(4) for k in range(3))
+    first, second, third = (search_rng(workcell.rng(), k).random(4) for k in range(3))
     assert len({tuple(x) for x in (first, second, third)}) == 3
-    np.testing.assert_array_equal(_draws(workcell, 2).random(4), third)
+    np.testing.assert_array_equal(search_rng(workcell.rng(), 2).random(4), third)
     np.testing.assert_array_equal(first, workcell.rng().random(4), "the first search uses the run's generator")
 
 
