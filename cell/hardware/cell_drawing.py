@@ -65,19 +65,13 @@ def _above(
     settings: CellSettings, model: RobotModel, garment: Garment | None, pose: Pose | None
 ) -> NDArray[np.uint8]:
     table = settings.table
-    low, high = np.array([-0.35, table.y[0] - 0.2]), np.array([table.x[1] + 0.15, table.y[1] + 0.2])
-    size = np.round((high - low) * SCALE).astype(int)
-    picture = np.full((size[0] + PAD + HEAD, size[1] + 2 * PAD, 3), 255, np.uint8)
+    picture, to_pixels = _sheet((-table.y[1] - 0.2, -0.35), (-table.y[0] + 0.2, table.x[1] + 0.15))
 
     def pixel(xy: Array) -> NDArray[np.int32]:  # table x points up, table y to the left
-        xy = np.asarray(xy, dtype=float)
-        return np.round(
-            np.stack([PAD + (high[1] - xy[..., 1]) * SCALE, HEAD + (high[0] - xy[..., 0]) * SCALE], -1)
-        ).astype(np.int32)
+        return to_pixels(-xy[..., 1], xy[..., 0])
 
     corners = np.array([[table.x[i], table.y[j]] for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))])
-    cv2.fillPoly(picture, [pixel(corners)], _TABLE)
-    cv2.polylines(picture, [pixel(corners)], True, _INK, 1, cv2.LINE_AA)
+    _board(picture, pixel(corners))
     for points in _arms(model, table.height):
         _hull(picture, pixel(points[:, :2]))
     seen = _seen_corners(settings)
@@ -122,21 +116,15 @@ def _draw_garment(
 def _beside(settings: CellSettings, model: RobotModel) -> NDArray[np.uint8]:
     table = settings.table
     T = np.asarray(camera_calibration(settings).T_table_camera)
-    low, high = np.array([-0.35, -0.35]), np.array([table.x[1] + 0.15, max(float(T[2, 3]) + 0.15, 1.0)])
-    size = np.round((high - low) * SCALE).astype(int)
-    picture = np.full((size[1] + PAD + HEAD, size[0] + 2 * PAD, 3), 255, np.uint8)
+    picture, to_pixels = _sheet((-0.35, -0.35), (table.x[1] + 0.15, max(float(T[2, 3]) + 0.15, 1.0)))
 
     def pixel(xz: Array) -> NDArray[np.int32]:
-        xz = np.asarray(xz, dtype=float)
-        return np.round(
-            np.stack([PAD + (xz[..., 0] - low[0]) * SCALE, HEAD + (high[1] - xz[..., 1]) * SCALE], -1)
-        ).astype(np.int32)
+        return to_pixels(xz[..., 0], xz[..., 1])
 
     board = np.array([[table.x[0], 0.0], [table.x[1], 0.0], [table.x[1], -0.03], [table.x[0], -0.03]])
     for points in _arms(model, table.height):
         _hull(picture, pixel(points[:, [0, 2]]))
-    cv2.fillPoly(picture, [pixel(board)], _TABLE)
-    cv2.polylines(picture, [pixel(board)], True, _INK, 1, cv2.LINE_AA)
+    _board(picture, pixel(board))
     camera = T[[0, 2], 3]
     seen = _seen_corners(settings)
     if seen is not None:
@@ -163,6 +151,26 @@ def _by_its_camera(
     framed = np.ascontiguousarray(picture, dtype=np.uint8)
     _legend(framed, "by its camera", [("parked arms, head and table, without the camera's errors", _ARM)])
     return framed
+
+
+def _sheet(
+    low: tuple[float, float], high: tuple[float, float]
+) -> tuple[NDArray[np.uint8], Callable[[Array, Array], NDArray[np.int32]]]:
+    """Return a white picture of what lies between two corners, to the right and up [m], and the function from such
+    coordinates to its pixels."""
+    width, height = (round((b - a) * SCALE) for a, b in zip(low, high, strict=True))
+    picture = np.full((height + PAD + HEAD, width + 2 * PAD, 3), 255, np.uint8)
+
+    def to_pixels(right: Array, up: Array) -> NDArray[np.int32]:
+        at = np.stack([PAD + (right - low[0]) * SCALE, HEAD + (high[1] - up) * SCALE], -1)
+        return np.round(at).astype(np.int32)
+
+    return picture, to_pixels
+
+
+def _board(picture: NDArray[np.uint8], corners: NDArray[np.int32]) -> None:
+    cv2.fillPoly(picture, [corners], _TABLE)
+    cv2.polylines(picture, [corners], True, _INK, 1, cv2.LINE_AA)
 
 
 def _arms(model: RobotModel, table_height: float) -> list[Array]:

@@ -130,11 +130,12 @@ class _Stage:
         )
 
     def _load_table(self, folder: Path) -> None:
-        t = self._scene.table
-        (x0, x1), (y0, y1) = t.x, t.y
-        floor = np.full((8, 8, 3), FLOOR_RGB, np.uint8)
-        self._load_sheet(folder / "table", ((x0, x1), (y0, y1)), t.height, self._scene.table_texture)
-        self._load_sheet(folder / "floor", ((-2.0, 4.0), (-3.0, 3.0)), self._scene.floor, floor)
+        table, floor = self._scene.table, np.full((8, 8, 3), FLOOR_RGB, np.uint8)
+        for name, (x0, x1), (y0, y1), z, image in (
+            ("table", table.x, table.y, table.height, self._scene.table_texture),
+            ("floor", (-2.0, 4.0), (-3.0, 3.0), self._scene.floor, floor),
+        ):
+            self._load_quad(folder / name, np.array([(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z)]), image)
 
     def _load_board(self, folder: Path) -> int | None:
         """Load the board as a card centred at the origin. Its front faces -z; x and y run along the picture's rows
@@ -143,23 +144,11 @@ class _Stage:
             return None
         image, (w, h) = self._scene.board
         corners = np.array([(-w, h, 0.0), (w, h, 0.0), (w, -h, 0.0), (-w, -h, 0.0)]) / 2
-        uv = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
-        return self._load_quad(folder / "board", corners, uv, image)
+        return self._load_quad(folder / "board", corners, image)
 
-    def _load_sheet(
-        self,
-        path: Path,
-        extent: tuple[tuple[float, float], tuple[float, float]],
-        z: float,
-        image: NDArray[np.uint8],
-    ) -> None:
-        (x0, x1), (y0, y1) = extent
-        corners = np.array([(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z)])
-        uv = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
-        self._load_quad(path, corners, uv, image)
-
-    def _load_quad(self, path: Path, corners: Array, uv: Array, image: NDArray[np.uint8]) -> int:
-        path.with_suffix(".obj").write_text(_obj(corners, uv, np.array([(0, 1, 2), (0, 2, 3)], np.int32)))
+    def _load_quad(self, path: Path, corners: Array, image: NDArray[np.uint8]) -> int:
+        """Load a sheet with a picture on it. corners: (4, 3), those of the picture from (0, 0) on."""
+        path.with_suffix(".obj").write_text(_obj(corners))
         shape = pb.createVisualShape(
             pb.GEOM_MESH, fileName=str(path.with_suffix(".obj")), physicsClientId=self._client
         )
@@ -223,12 +212,11 @@ def _view(T_base_camera: Array) -> tuple[float, ...]:
     return tuple(pb.computeViewMatrix(eye.tolist(), (eye + R[:, 2]).tolist(), (-R[:, 1]).tolist()))
 
 
-def _obj(vertices: Array, uv: Array, triangles: NDArray[np.int32]) -> str:
-    """Return an OBJ file whose texture coordinates are numbered like its vertices."""
-    lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in vertices]
-    lines += [f"vt {u:.6f} {v:.6f}" for u, v in uv]
-    lines += ["f " + " ".join(f"{k + 1}/{k + 1}" for k in triangle) for triangle in triangles]
-    return "\n".join(lines) + "\n"
+def _obj(corners: Array) -> str:
+    """Return an OBJ file of a quadrangle (4, 3) whose corners are those of its texture."""
+    lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in corners]
+    lines += [f"vt {u} {v}" for u, v in ((0, 0), (1, 0), (1, 1), (0, 1))]
+    return "\n".join([*lines, "f 1/1 2/2 3/3", "f 1/1 3/3 4/4"]) + "\n"
 
 
 def main(descriptor: int) -> None:
