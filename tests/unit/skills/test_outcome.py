@@ -6,9 +6,7 @@ import pytest
 
 from foldcell.skills.vocabulary import Failed, Failure, FailureKind, Outcome, refuse, skill
 
-LOST = Failure(
-    FailureKind.SLIPPED, "the hand lost the cloth", "grasp more cloth", {"what": "grip", "force_n": 0.1}
-)
+LOST = Failure(FailureKind.SLIPPED, "the hand lost the cloth", "grasp more cloth", {"what": "grip"})
 
 
 def halved(found: Outcome[float], refused: Failure | None) -> Outcome[float]:
