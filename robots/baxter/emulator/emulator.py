@@ -159,8 +159,8 @@ class Emulator:
             topics.JOINT_STATES: m.joint_state,
             topics.HEAD_STATE: m.head_state,
             topics.ROBOT_STATE: m.assembly_state,
-            **{topics.gripper_state(side): m.end_effector_state for side in self._grippers},
-            **{topics.tactile(side): m.tactile_state for side in self._ports.tactile},
+            **{topics.GRIPPER_STATE.format(side): m.end_effector_state for side in self._grippers},
+            **{topics.TACTILE.format(side): m.tactile_state for side in self._ports.tactile},
             self._camera.rgb: m.image,
             self._camera.depth: m.image,
             self._camera.info: m.camera_info,
@@ -188,7 +188,7 @@ class Emulator:
         self._node.subscribe(topic, kind, heard, queue)
 
     def _hear_limb(self, side: Side, limb: Limb) -> None:
-        m, topic = self._messages, topics.joint_command(side)
+        m, topic = self._messages, topics.JOINT_COMMAND.format(side)
 
         def obey(message: Any, at: float) -> None:
             if at - self._enabled_at > LINGER_S and not self._motors.state().enabled:
@@ -203,20 +203,20 @@ class Emulator:
                 self._command_came.notify_all()
 
         def timeout(message: Any) -> None:
-            self._say(topics.command_timeout(side), limb.hear_timeout(message.data))
+            self._say(topics.JOINT_COMMAND_TIMEOUT.format(side), limb.hear_timeout(message.data))
 
         def speed(message: Any) -> None:
-            self._say(topics.speed_ratio(side), limb.hear_speed_ratio(message.data))
+            self._say(topics.SPEED_RATIO.format(side), limb.hear_speed_ratio(message.data))
 
         self._node.subscribe(topic, m.joint_command, heard)
-        self._hear(topics.command_timeout(side), m.float64, timeout, latched=True)
-        self._hear(topics.speed_ratio(side), m.float64, speed, latched=True)
+        self._hear(topics.JOINT_COMMAND_TIMEOUT.format(side), m.float64, timeout, latched=True)
+        self._hear(topics.SPEED_RATIO.format(side), m.float64, speed, latched=True)
 
     def _hear_gripper(self, side: Side, gripper: ElectricGripper) -> None:
         def heard(m: Any) -> None:
             gripper.hear(m.id, m.command, m.args, m.sender, m.sequence)
 
-        self._hear(topics.gripper_command(side), self._messages.end_effector_command, heard, QUEUE)
+        self._hear(topics.GRIPPER_COMMAND.format(side), self._messages.end_effector_command, heard, QUEUE)
 
     def _stop(self, _: Any) -> None:
         """Stop as soon as the message has arrived: without a delay immediately, on the topic's thread."""
@@ -331,9 +331,9 @@ class Emulator:
         if self._now >= self._next_grippers - ROUNDING * TICK:
             self._next_grippers = self._now + GRIPPER_PERIOD
             for side, gripper in self._grippers.items():
-                tell(topics.gripper_state(side), message_conversion.gripper_state(m, gripper.report()))
+                tell(topics.GRIPPER_STATE.format(side), message_conversion.gripper_state(m, gripper.report()))
         for side, tactile in ports.tactile.items():
-            tell(topics.tactile(side), message_conversion.tactile_state(m, tactile.reading()))
+            tell(topics.TACTILE.format(side), message_conversion.tactile_state(m, tactile.reading()))
         self._publish_picture()
         self._published.deliver(self._now)
         self._publishers[topics.CLOCK].publish(m.clock(message_conversion.ros_time(m, self._now)))

@@ -15,7 +15,7 @@ from foldcell.robots.baxter.ros.ports.head import RosHead
 from foldcell.robots.baxter.ros.ports.latest_message import LatestMessage
 from foldcell.robots.baxter.ros.ports.stop import RosStop
 from foldcell.robots.baxter.ros.ports.tactile import RosTactile
-from foldcell.robots.baxter.ros.topics import ROBOT_STATE, joint_command
+from foldcell.robots.baxter.ros.topics import JOINT_COMMAND, ROBOT_STATE
 from foldcell.robots.errors import ConfigurationError
 from foldcell.robots.model import JointLimits
 from foldcell.robots.ports import Attendant, Ports, Side, Stop
@@ -106,7 +106,7 @@ def connected_stop() -> Iterator[RosStop]:
 
 def _refuse_others(node: Node) -> None:
     """Refuse to connect if another program commands the arms. Called before this program publishes anything."""
-    others = {name for side in Side for name in node.publishers(joint_command(side))} - {node.name}
+    others = {name for side in Side for name in node.publishers(JOINT_COMMAND.format(side))} - {node.name}
     if others:
         raise ConfigurationError(
             f"other programs command the robot's arms: {', '.join(sorted(others))}",

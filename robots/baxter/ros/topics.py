@@ -1,26 +1,24 @@
-"""Names of Baxter's topics (SDK 1.2), each with its message type."""
+"""Names of Baxter's topics (SDK 1.2), each with its message type. In a name with {}, the side takes its place."""
 
 from __future__ import annotations
-
-from foldcell.robots.ports import Side
 
 __all__ = [
     "CLOCK",
     "ENABLE",
+    "GRIPPER_COMMAND",
+    "GRIPPER_STATE",
     "HEAD_COMMAND",
     "HEAD_STATE",
+    "INVERSE_DYNAMICS",
+    "JOINT_COMMAND",
+    "JOINT_COMMAND_TIMEOUT",
     "JOINT_STATES",
     "JOINT_STATE_RATE",
     "RESET",
     "ROBOT_STATE",
+    "SPEED_RATIO",
     "STOP",
-    "command_timeout",
-    "gripper_command",
-    "gripper_state",
-    "inverse_dynamics",
-    "joint_command",
-    "speed_ratio",
-    "tactile",
+    "TACTILE",
 ]
 
 CLOCK = "/clock"
@@ -41,41 +39,18 @@ HEAD_COMMAND = "/robot/head/command_head_pan"
 """HeadPanCommand: turns the head."""
 HEAD_STATE = "/robot/head/head_state"
 """HeadState: the head's pan."""
-
-
-def joint_command(side: Side) -> str:
-    """Return the topic of an arm's commands: JointCommand."""
-    return f"/robot/limb/{side}/joint_command"
-
-
-def command_timeout(side: Side) -> str:
-    """Return the topic of the validity of an arm's commands: std_msgs/Float64 [s], latched."""
-    return f"/robot/limb/{side}/joint_command_timeout"
-
-
-def inverse_dynamics(side: Side) -> str:
-    """Return the topic of an arm's feed-forward: trajectory_msgs/JointTrajectoryPoint. It accompanies each command
-    in raw position mode."""
-    return f"/robot/limb/{side}/inverse_dynamics_command"
-
-
-def speed_ratio(side: Side) -> str:
-    """Return the topic of the speed ratio of position moves: std_msgs/Float64, latched, 0.3 by default."""
-    return f"/robot/limb/{side}/set_speed_ratio"
-
-
-def gripper_command(side: Side) -> str:
-    """Return the topic of a gripper's commands: EndEffectorCommand."""
-    return f"/robot/end_effector/{side}_gripper/command"
-
-
-def gripper_state(side: Side) -> str:
-    """Return the topic of a gripper's state: EndEffectorState."""
-    return f"/robot/end_effector/{side}_gripper/state"
-
-
-def tactile(side: Side) -> str:
-    """Return the topic of a hand's pads: tactile_msgs/TactileState, 100 Hz, with the channels `pad_0`, `pad_1`
-    (cells row by row, row 0 at the tips, [N]) and `tips` (two, [N]). The pads' reader publishes it, not Baxter
-    itself."""
-    return f"/tactile/{side}_gripper"
+JOINT_COMMAND = "/robot/limb/{}/joint_command"
+"""JointCommand: an arm's commands."""
+JOINT_COMMAND_TIMEOUT = "/robot/limb/{}/joint_command_timeout"
+"""std_msgs/Float64, latched: validity of an arm's commands [s]."""
+INVERSE_DYNAMICS = "/robot/limb/{}/inverse_dynamics_command"
+"""trajectory_msgs/JointTrajectoryPoint: an arm's feed-forward, with each command in raw position mode."""
+SPEED_RATIO = "/robot/limb/{}/set_speed_ratio"
+"""std_msgs/Float64, latched, 0.3 by default: the speed ratio of an arm's position moves."""
+GRIPPER_COMMAND = "/robot/end_effector/{}_gripper/command"
+"""EndEffectorCommand: a gripper's commands."""
+GRIPPER_STATE = "/robot/end_effector/{}_gripper/state"
+"""EndEffectorState: a gripper's state."""
+TACTILE = "/tactile/{}_gripper"
+"""tactile_msgs/TactileState, 100 Hz: a hand's pads, with the channels `pad_0`, `pad_1` (cells row by row, row 0 at
+the tips, [N]) and `tips` (two, [N]). The pads' reader publishes it, not Baxter itself."""

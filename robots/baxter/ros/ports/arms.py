@@ -13,12 +13,12 @@ from foldcell.robots.baxter.ros.ports.latest_message import LatestMessage
 from foldcell.robots.baxter.ros.ports.stop import RosStop
 from foldcell.robots.baxter.ros.topics import (
     ENABLE,
+    INVERSE_DYNAMICS,
+    JOINT_COMMAND,
+    JOINT_COMMAND_TIMEOUT,
     JOINT_STATE_RATE,
     JOINT_STATES,
-    command_timeout,
-    inverse_dynamics,
-    joint_command,
-    speed_ratio,
+    SPEED_RATIO,
 )
 from foldcell.robots.errors import DriverError, FailureKind
 from foldcell.robots.model import JointLimits
@@ -58,14 +58,16 @@ class RosArms:
         self._sent: JointSetpoint | None = None
         self.joints = LatestMessage(node, clock, JOINT_STATES, messages.joint_state, _joint_state, watch, True)
         self._enable = node.publisher(ENABLE, messages.bool)
-        self._commands = {side: node.publisher(joint_command(side), messages.joint_command) for side in Side}
+        self._commands = {
+            side: node.publisher(JOINT_COMMAND.format(side), messages.joint_command) for side in Side
+        }
         self._dynamics = {
-            side: node.publisher(inverse_dynamics(side), messages.joint_trajectory_point) for side in Side
+            side: node.publisher(INVERSE_DYNAMICS.format(side), messages.joint_trajectory_point) for side in Side
         }
         node.publisher(JOINT_STATE_RATE, messages.uint16, latch=True).publish(messages.uint16(STATE_RATE))
         for side in Side:
-            node.publisher(speed_ratio(side), messages.float64, latch=True).publish(messages.float64(1.0))
-            node.publisher(command_timeout(side), messages.float64, latch=True).publish(
+            node.publisher(SPEED_RATIO.format(side), messages.float64, latch=True).publish(messages.float64(1.0))
+            node.publisher(JOINT_COMMAND_TIMEOUT.format(side), messages.float64, latch=True).publish(
                 messages.float64(COMMAND_TIMEOUT)
             )
 

@@ -28,7 +28,7 @@ from foldcell.robots.baxter.ros.electric_gripper import (
 )
 from foldcell.robots.baxter.ros.messages import load_messages
 from foldcell.robots.baxter.ros.ports.latest_message import LatestMessage
-from foldcell.robots.baxter.ros.topics import gripper_command, gripper_state
+from foldcell.robots.baxter.ros.topics import GRIPPER_COMMAND, GRIPPER_STATE
 from foldcell.robots.errors import DriverError, FailureKind
 from foldcell.robots.ports import Clock, GripperState, Side
 from foldcell.robots.ros.node import Node
@@ -70,7 +70,7 @@ class RosGripper:
         self._clock, self._kind = clock, messages.end_effector_command
         # the robot may still report the last command of an earlier program; a unique sender avoids confusion
         self._sender, self._sequence = f"foldcell_{side}_{uuid4().hex[:12]}", 0
-        self._publisher = node.publisher(gripper_command(side), messages.end_effector_command)
+        self._publisher = node.publisher(GRIPPER_COMMAND.format(side), messages.end_effector_command)
         self._lock = Lock()
         self._waiting: tuple[_Order, ...] = ()
         """Orders that are not finished. The robot handles the first one. The tuple is replaced as a whole, so
@@ -86,7 +86,7 @@ class RosGripper:
         self._fault: DriverError | None = None
         """The last fault, until `command` raises it."""
         self.hearing = LatestMessage(
-            node, clock, gripper_state(side), messages.end_effector_state, _read, self._heard
+            node, clock, GRIPPER_STATE.format(side), messages.end_effector_state, _read, self._heard
         )
 
     def calibrate(self) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from foldcell.robots.baxter.ros.messages import load_messages
 from foldcell.robots.baxter.ros.ports.latest_message import LatestMessage
-from foldcell.robots.baxter.ros.topics import tactile
+from foldcell.robots.baxter.ros.topics import TACTILE
 from foldcell.robots.ports import Clock, Side, TactileReading, frozen
 from foldcell.robots.ros.node import Node
 
@@ -23,7 +23,7 @@ class RosTactile:
         self._shape: tuple[int, ...] | None = None
         """Shape of the pads in the first message."""
         kind = load_messages().tactile_state
-        self.hearing = LatestMessage(node, clock, tactile(side), kind, self._read, in_order=True)
+        self.hearing = LatestMessage(node, clock, TACTILE.format(side), kind, self._read, in_order=True)
 
     def reading(self) -> TactileReading:
         """Return the latest reading, with its time of arrival. Before the first message its values are NaN and its

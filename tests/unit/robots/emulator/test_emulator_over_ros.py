@@ -68,7 +68,7 @@ def test_the_rate_of_the_joint_states_can_be_set(serve: Serve, cell: FakeCell) -
 def test_orders_to_motors_that_are_off_are_reported(serve: Serve, cell: FakeCell) -> None:
     program = serve(cell.ports())
     program.let(0.1)
-    to = program.publisher(topics.joint_command(Side.LEFT), program.m.joint_command)
+    to = program.publisher(topics.JOINT_COMMAND.format(Side.LEFT), program.m.joint_command)
     head = program.publisher(topics.HEAD_COMMAND, program.m.head_pan_command)
     to.publish(shuffled(program, Side.LEFT, cell.q))
     head.publish(program.m.head_pan_command(0.1, 1.0, 1))
@@ -97,7 +97,7 @@ def test_tactile_readings_are_published(serve: Serve, cell: FakeCell) -> None:
             return TactileReading(0.25, Side.RIGHT, cells, np.array([0.5, 1.5]))
 
     program = serve(replace(ports, tactile={**ports.tactile, Side.RIGHT: Pad()}))
-    message = program.hear(topics.tactile(Side.RIGHT), program.m.tactile_state).newest
+    message = program.hear(topics.TACTILE.format(Side.RIGHT), program.m.tactile_state).newest
     channels = {c.name: list(c.values) for c in message.sensors}
     assert channels == {"pad_0": list(cells[0].ravel()), "pad_1": list(cells[1].ravel()), "tips": [0.5, 1.5]}
     assert message.header.stamp.to_sec() == 0.25
@@ -105,7 +105,7 @@ def test_tactile_readings_are_published(serve: Serve, cell: FakeCell) -> None:
 
 def test_gripper_states_are_published_at_20_hz_and_after_each_task(serve: Serve, cell: FakeCell) -> None:
     program, side = serve(cell.ports()), Side.LEFT
-    heard = program.hear(topics.gripper_state(side), program.m.end_effector_state)
+    heard = program.hear(topics.GRIPPER_STATE.format(side), program.m.end_effector_state)
     wait(lambda: heard.all, "a first state")
     begin, before = program.now(), len(heard.all)
     program.let(1.0)
@@ -141,7 +141,7 @@ def shuffled(program: Program, side: Side, q: Array, mode: int = 4) -> Any:
 
 
 def commanders(program: Program) -> dict[Side, Any]:
-    return {side: program.publisher(topics.joint_command(side), program.m.joint_command) for side in Side}
+    return {side: program.publisher(topics.JOINT_COMMAND.format(side), program.m.joint_command) for side in Side}
 
 
 def test_arms_follow_commands_and_hold_after_the_last_one(serve: Serve, simulated: Ports) -> None:
@@ -174,7 +174,7 @@ def test_arms_follow_commands_and_hold_after_the_last_one(serve: Serve, simulate
 def test_an_arm_without_commands_does_not_move(serve: Serve, simulated: Ports) -> None:
     program = serve(simulated)
     program.enable()
-    to = program.publisher(topics.joint_command(Side.RIGHT), program.m.joint_command)
+    to = program.publisher(topics.JOINT_COMMAND.format(Side.RIGHT), program.m.joint_command)
     q0 = vector(program.joints.newest)
     goal = q0 + 0.05 * (np.arange(14) == 13)
     right = arm_slice(Side.RIGHT, 14)
@@ -186,9 +186,9 @@ def test_an_arm_without_commands_does_not_move(serve: Serve, simulated: Ports) -
 def test_malformed_commands_are_ignored_and_reported_once(serve: Serve, cell: FakeCell) -> None:
     program = serve(cell.ports())
     program.enable()
-    to = program.publisher(topics.joint_command(Side.LEFT), program.m.joint_command)
+    to = program.publisher(topics.JOINT_COMMAND.format(Side.LEFT), program.m.joint_command)
     head = program.publisher(topics.HEAD_COMMAND, program.m.head_pan_command)
-    limit = program.publisher(topics.command_timeout(Side.LEFT), program.m.float64)
+    limit = program.publisher(topics.JOINT_COMMAND_TIMEOUT.format(Side.LEFT), program.m.float64)
     for _ in range(3):
         for wrong in (
             program.m.joint_command(4, [0.0] * 7, names(Side.RIGHT)),
@@ -266,8 +266,8 @@ def test_a_reset_is_refused_while_the_button_is_pressed(serve: Serve, cell: Fake
 
 def test_the_gripper_is_calibrated_configured_and_closes(serve: Serve, simulated: Ports) -> None:
     program, side = serve(simulated), Side.LEFT
-    heard = program.hear(topics.gripper_state(side), program.m.end_effector_state)
-    to = program.publisher(topics.gripper_command(side), program.m.end_effector_command)
+    heard = program.hear(topics.GRIPPER_STATE.format(side), program.m.end_effector_state)
+    to = program.publisher(topics.GRIPPER_COMMAND.format(side), program.m.end_effector_command)
     assert heard.newest.id == HARDWARE_ID and heard.newest.calibrated == 0
     sequence = 0
 
@@ -402,7 +402,7 @@ def test_tasks_run_between_ticks_and_complete_after_publishing(serve: Serve, cel
 def test_commands_that_arrive_while_the_loop_is_busy_expire(serve: Serve, cell: FakeCell) -> None:
     program = serve(cell.ports())
     program.enable()
-    to = program.publisher(topics.joint_command(Side.LEFT), program.m.joint_command)
+    to = program.publisher(topics.JOINT_COMMAND.format(Side.LEFT), program.m.joint_command)
     busy, go_on = threading.Event(), threading.Event()
 
     def work() -> None:

@@ -11,14 +11,14 @@ from contextlib import contextmanager
 import pytest
 from puppet import Connect, wait
 
-from foldcell.robots.baxter.ros.topics import joint_command
+from foldcell.robots.baxter.ros.topics import JOINT_COMMAND
 from foldcell.robots.errors import ConfigurationError
 from foldcell.robots.ports import Side
 from foldcell.robots.ros import node as node_module
 from foldcell.robots.ros.node import Node
 
 pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # a warning of rospy
-TOPIC = joint_command(Side.LEFT)
+TOPIC = JOINT_COMMAND.format(Side.LEFT)
 OTHER = f"""
 from foldcell.robots.baxter.ros.messages import load_messages
 from foldcell.robots.ros.node import open_node
