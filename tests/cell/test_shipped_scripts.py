@@ -13,12 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 import foldcell
 from foldcell.cell.campaigns.hil.script import Script
 from foldcell.cell.campaigns.hil.script_run import ScriptResult
 from foldcell.cell.commands.main import main
-from tests.runs import decided_again
+from tests.runs import FEW_PICTURES, decided_again
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
@@ -70,7 +71,9 @@ ALSO = {"missed_grasp": a_missed_grasp_is_made_again_lower, "stop_in_mid_fold": 
 def test_a_shipped_script_ends_as_it_expects(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code = main(["hil", str(SCRIPTS / f"{name}.yaml"), "--logs", str(tmp_path), "--json"])
+    cell = tmp_path / "cell.yaml"
+    cell.write_text(yaml.safe_dump({"recorder": dict(FEW_PICTURES)}), encoding="utf-8")
+    code = main(["hil", str(SCRIPTS / f"{name}.yaml"), "--cell", str(cell), "--logs", str(tmp_path), "--json"])
     told = capsys.readouterr().out
     assert code == 0, told
     if name in ALSO:
