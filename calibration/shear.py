@@ -221,17 +221,14 @@ def _clipped(template: Array, pair: tuple[int, int]) -> tuple[Array, float]:
     low, high = top - 0.15, top - 1e-4
     for _ in range(40):
         z = 0.5 * (low + high)
-        if _width(polygon, x0, x1, z) > CLIP:
+        cut = shapely.LineString([(x0 - 1.0, z), (x1 + 1.0, z)])
+        if shapely.intersection(polygon, cut).length > CLIP:
             low = z
         else:
             high = z
     below = shapely.clip_by_rect(polygon, x0 - 1.0, polygon.bounds[1] - 1.0, x1 + 1.0, low)
     parts = [p for p in shapely.get_parts(below) if isinstance(p, shapely.Polygon)]
     return np.asarray(max(parts, key=lambda p: p.area).exterior.coords)[:-1], low
-
-
-def _width(polygon: shapely.Polygon, x0: float, x1: float, z: float) -> float:
-    return float(shapely.intersection(polygon, shapely.LineString([(x0 - 1.0, z), (x1 + 1.0, z)])).length)
 
 
 def hang(

@@ -36,9 +36,10 @@ def robot_of(description: RobotDescription) -> Robot:
         )
 
     def body(client: int) -> SimulatedBody:
-        from foldcell.robots.urdf.converted import load_body
+        from foldcell.robots.urdf.bullet_body import BulletBody
+        from foldcell.robots.urdf.converted import moving_urdf
 
-        return load_body(description, client)
+        return BulletBody(client, moving_urdf(description), description)
 
     def seen() -> Path:
         from foldcell.robots.urdf.converted import seen_urdf

@@ -67,12 +67,13 @@ class BulletBody:
             link = info[16]
         return link
 
-    def _has_shape(self, link: int) -> bool:
-        return bool(pb.getCollisionShapeData(self._body, link, physicsClientId=self._client))
-
     def _filter_collisions(self, disabled: frozenset[frozenset[str]]) -> None:
         """Disable collisions of the pairs of links `disabled`, and of the fingers."""
-        names = [name for name, link in self._links.items() if self._has_shape(link)]
+        names = [
+            name
+            for name, link in self._links.items()
+            if pb.getCollisionShapeData(self._body, link, physicsClientId=self._client)
+        ]
         group = {name: self._rigid_group(self._links[name]) for name in names}
         for i, first in enumerate(names):
             for second in names[:i]:

@@ -20,12 +20,11 @@ import trimesh
 from trimesh.visual.material import PBRMaterial
 
 from foldcell.robots.errors import StorageError
-from foldcell.robots.urdf.bullet_body import BulletBody
 from foldcell.robots.urdf.description import RobotDescription
 from foldcell.robots.urdf.elements import mesh_path, stripped
 from foldcell.robots.urdf.meshes import CREASE, given_colour, glb, plastic, thinned_obj
 
-__all__ = ["load_body", "moving_urdf", "seen_urdf", "viewer_urdf"]
+__all__ = ["moving_urdf", "seen_urdf", "viewer_urdf"]
 
 FORMAT = 2
 """Version of the output. Increase it when the output changes, so that old caches are not used."""
@@ -93,11 +92,6 @@ def viewer_urdf(description: RobotDescription) -> Path:
         _without_material(visual)
 
     return _converted(description, "viewer", ("collision", "inertial"), coloured, unpaint)
-
-
-def load_body(description: RobotDescription, client: int) -> BulletBody:
-    """Load the robot into the PyBullet world `client`. Raises StorageError if its files cannot be cached."""
-    return BulletBody(client, moving_urdf(description), description)
 
 
 def _without_material(visual: ET.Element) -> None:

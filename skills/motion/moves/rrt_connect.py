@@ -48,7 +48,7 @@ def candidate_paths(
     """
     for via in sorted(_fixed_waypoints(model, q0, q1), key=lambda via: _seconds(model, [q0, *via, q1])):
         points = np.array([q0, *via, q1])
-        if _free(checker, points):
+        if all(checker.edge_free(a, b, resolution=COARSE) for a, b in pairwise(points)):
             yield "via" if via else "straight", points
     rng = rng or np.random.default_rng(0)
     for resolution in (COARSE, FINE):
@@ -159,10 +159,6 @@ def _seconds(model: RobotModel, points: list[Array]) -> float:
     """Return about the time of a path with stops at its points [s]."""
     way = np.abs(np.diff(points, axis=0)) / model.planning.velocity
     return float((way.max(axis=1) + STOP_S).sum())
-
-
-def _free(checker: CollisionChecker, points: Array) -> bool:
-    return all(checker.edge_free(a, b, resolution=COARSE) for a, b in pairwise(points))
 
 
 class _Tree:

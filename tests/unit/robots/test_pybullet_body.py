@@ -11,7 +11,8 @@ import pybullet as pb
 
 from foldcell.robots.baxter.robot import DESCRIPTION, GRIPPER, load_model
 from foldcell.robots.ports import Array, Side
-from foldcell.robots.urdf.converted import load_body, moving_urdf, seen_urdf
+from foldcell.robots.urdf.bullet_body import BulletBody
+from foldcell.robots.urdf.converted import moving_urdf, seen_urdf
 
 OPEN = dict.fromkeys(Side, GRIPPER.max_opening)
 STRETCHED = np.array([0.6, 0.0, 0.0, 0.05, 0.0, 0.0, 0.0, -0.6, 0.0, 0.0, 0.05, 0.0, 0.0, 0.0])
@@ -27,7 +28,7 @@ def pinocchio_pose(q: Array, side: Side) -> pin.SE3:
 
 
 def test_tool_poses_agree_with_pinocchio(client: int) -> None:
-    body = load_body(DESCRIPTION, client)
+    body = BulletBody(client, moving_urdf(DESCRIPTION), DESCRIPTION)
     limits = load_model().planning
     rng = np.random.default_rng(2)
     for _ in range(5):
@@ -41,7 +42,7 @@ def test_tool_poses_agree_with_pinocchio(client: int) -> None:
 
 
 def test_stretched_arms_do_not_sag(client: int) -> None:
-    body = load_body(DESCRIPTION, client)
+    body = BulletBody(client, moving_urdf(DESCRIPTION), DESCRIPTION)
     body.place(STRETCHED, 0.0, OPEN)
     for _ in range(240):
         body.drive(STRETCHED, np.zeros(14), 0.0, OPEN)
@@ -52,7 +53,7 @@ def test_stretched_arms_do_not_sag(client: int) -> None:
 
 
 def test_neighbouring_links_do_not_collide(client: int) -> None:
-    body = load_body(DESCRIPTION, client)
+    body = BulletBody(client, moving_urdf(DESCRIPTION), DESCRIPTION)
     body.place(load_model().q_park, 0.0, OPEN)
     for _ in range(60):
         body.drive(load_model().q_park, np.zeros(14), 0.0, OPEN)
@@ -62,7 +63,7 @@ def test_neighbouring_links_do_not_collide(client: int) -> None:
 
 
 def test_arms_do_not_pass_through_each_other(client: int) -> None:
-    body = load_body(DESCRIPTION, client)
+    body = BulletBody(client, moving_urdf(DESCRIPTION), DESCRIPTION)
     start = STRETCHED.copy()
     body.place(start, 0.0, OPEN)
     goal = start.copy()

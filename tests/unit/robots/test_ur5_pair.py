@@ -14,7 +14,8 @@ from foldcell.cell.view.entries.robot import RobotFigure
 from foldcell.robots.ports import Side
 from foldcell.robots.registry import find_robot
 from foldcell.robots.ur5_pair.robot import DESCRIPTION, ROBOT
-from foldcell.robots.urdf.converted import load_body, moving_urdf, seen_urdf, viewer_urdf
+from foldcell.robots.urdf.bullet_body import BulletBody
+from foldcell.robots.urdf.converted import moving_urdf, seen_urdf, viewer_urdf
 
 MODEL = ROBOT.load_model()
 MIRROR = np.diag([1.0, -1.0, 1.0])
@@ -37,7 +38,7 @@ def test_the_parked_arms_are_out_of_the_cameras_view() -> None:
 
 
 def test_tool_poses_of_the_body_agree_with_the_model(client: int) -> None:
-    body, rng = load_body(DESCRIPTION, client), np.random.default_rng(2)
+    body, rng = BulletBody(client, moving_urdf(DESCRIPTION), DESCRIPTION), np.random.default_rng(2)
     for _ in range(5):
         q = rng.uniform(MODEL.planning.lower, MODEL.planning.upper)
         body.place(q, 0.0, dict.fromkeys(Side, 0.02))
@@ -49,7 +50,7 @@ def test_tool_poses_of_the_body_agree_with_the_model(client: int) -> None:
 
 
 def test_the_parked_body_stands_still_without_contact(client: int) -> None:
-    body, opening = load_body(DESCRIPTION, client), dict.fromkeys(Side, 0.0)
+    body, opening = BulletBody(client, moving_urdf(DESCRIPTION), DESCRIPTION), dict.fromkeys(Side, 0.0)
     body.place(MODEL.q_park, 0.0, opening)
     for _ in range(120):
         body.drive(MODEL.q_park, np.zeros(12), 0.0, opening)
