@@ -26,9 +26,8 @@ from foldcell.cell.simulation.garment.garment import WorldGarment
 from foldcell.cell.simulation.noise import load_noise
 from foldcell.cell.simulation.scoring.ideal import ideal_of
 from foldcell.cell.simulation.truth import GarmentTruth
-from foldcell.skills.fold_figures.fold_figures import CREASE_MARGIN
+from foldcell.skills.fold_figures.fold_figures import CREASE_MARGIN, PIXEL, TableRaster
 from foldcell.skills.fold_figures.folded_mesh import fold_mesh
-from foldcell.skills.fold_figures.table_raster import PIXEL, TableRaster
 from foldcell.skills.fold_plan.folding import fold_xy
 from foldcell.skills.fold_plan.plan import ways_to_fold
 from foldcell.skills.scoring.alignment import FinalGarment

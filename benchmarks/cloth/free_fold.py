@@ -23,7 +23,7 @@ from foldcell.skills.cloth.contact.contacts import PHASE
 from foldcell.skills.cloth.elasticity import stretch_excess
 from foldcell.skills.cloth.mesh import ClothMesh, FineBands, mesh_from_contour
 from foldcell.skills.cloth.settings import SolverSettings
-from foldcell.skills.fold_figures.table_raster import TableRaster
+from foldcell.skills.fold_figures.fold_figures import TableRaster
 from foldcell.skills.fold_plan.folding import crease_segments
 from foldcell.skills.vocabulary import FoldLine, Material, frozen
 

@@ -180,7 +180,7 @@ def _robot_model(name: str) -> Iterable[Check]:
 COMPILED = (
     "foldcell.cell.report.pictures.mesh_raster",
     "foldcell.skills.cloth.intersections.crossings",
-    "foldcell.skills.cloth.kernel", "foldcell.skills.fold_figures.table_raster",
+    "foldcell.skills.cloth.kernel", "foldcell.skills.fold_figures.fold_figures",
     "foldcell.skills.motion.kinematics.ik",
     "foldcell.skills.perception.registration.energy", "foldcell.skills.perception.segmentation.colour_model",
 )  # fmt: skip

@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 from foldcell.robots.errors import InternalError
 from foldcell.skills.cloth.mesh import mesh_from_contour
 from foldcell.skills.cloth.solver import ClothSimulation
+from foldcell.skills.fold_figures.fold_figures import PIXEL, rasterise
 from foldcell.skills.fold_figures.folded_mesh import fold_mesh
-from foldcell.skills.fold_figures.table_raster import PIXEL, rasterise
 from foldcell.skills.fold_plan.folding import fold_xy, target_vertices
 from foldcell.skills.fold_plan.plan import ways_to_fold
 from foldcell.skills.garments.garment import Anchor, Garment, PlanGrasp, PlanStep, PlanVariant, PoseRange

@@ -14,7 +14,7 @@ from foldcell.robots.baxter.robot import load_model
 from foldcell.robots.errors import Failure, FailureKind
 from foldcell.robots.ports import Side, arm_slice
 from foldcell.skills.motion.kinematics.posture import Posture, angles_of
-from foldcell.skills.motion.moves import rrt_connect
+from foldcell.skills.motion.moves import free_motion as free_moves
 from foldcell.skills.motion.moves.arc import plan_arc
 from foldcell.skills.motion.moves.fold import plan_hands_motion
 from foldcell.skills.motion.moves.free_motion import plan_free_motion
@@ -515,7 +515,7 @@ def test_rrt_connect_finds_the_same_path_for_the_same_seed(checker):
     a = planned(checker, step, paths).unwrap().q_above
     mirror = np.array([-1.0, 1, -1, 1, -1, 1, -1])
     b = np.concatenate([a[7:] * mirror, a[:7] * mirror])
-    ways = [rrt_connect._connect(MODEL, checker, a, b, np.random.default_rng(1)) for _ in range(2)]
+    ways = [free_moves._connect(MODEL, checker, a, b, np.random.default_rng(1)) for _ in range(2)]
     assert ways[0] is not None and np.array_equal(*ways)
     assert np.array_equal(ways[0][0], a) and np.array_equal(ways[0][-1], b)
     for p, q in zip(ways[0], ways[0][1:], strict=False):

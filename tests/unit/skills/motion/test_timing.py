@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 from foldcell.robots.baxter.robot import load_model
 from foldcell.robots.errors import InternalError
 from foldcell.robots.ports import ArmTrajectory
-from foldcell.skills.motion.moves.rrt_connect import blend_corners
+from foldcell.skills.motion.moves.free_motion import blend_corners
 from foldcell.skills.motion.timing.timing import (
     LONGEST_MOTION,
     STOP_TIME,
