@@ -44,6 +44,10 @@ is averaged over squares, and a camera that looks at an angle does not see all f
 STAYING = 0.75
 """Share of the height above the flat layers that stays after one pressing. In runs 0.82 and 0.85 stayed after two
 dabs, 0.57 after five and 0.48 after nine; in 16 more pressings of two or three dabs, 0.43 to 1.0."""
+RAISED = 0.002
+"""By how much hands leave the first crease higher than it is in the ideal fold [m]. With this and the standard
+deviations `first_crease_sigma` and `ideal_sigma`, the ideal heights of 101 runs of eleven garments are expected
+without bias, within 1.8 mm away from creases and 1.5 mm near them."""
 MOST_PRESSINGS = 5
 """Number of pressings whose effect is predicted."""
 
@@ -136,7 +140,7 @@ def claim_fold(
     errors = settings.claim
     bias, flat_heights = layers.correct(bias), (target.flat.height_m, target.flat.crease_height_m)
     observed = None if first is None else Normal(
-        first.observed.crease_height_m - bias.value - layers.thicker(first.flat.crease_height_m).mean,
+        first.observed.crease_height_m - RAISED - bias.value - layers.thicker(first.flat.crease_height_m).mean,
         math.hypot(errors.first_crease_sigma, bias.sigma),
     )  # fmt: skip
     bending = estimate_bending(ideal, observed)
