@@ -44,9 +44,6 @@ ONE_HAND = 0.36
 SPEED, JERK = 0.3, 24.0
 """Maximum speed [m/s] and jerk [m/s3] of the hands. Larger values would exceed the arms' limits, and the planner
 would then slow down the whole path."""
-PUSH = 0.004
-"""Depth below the flat layers to which a hand goes [m]. The layers may be thinner than they are stated, and the
-arms less low than they report: in 18 of 44 pressings down to the flat layers, the fingers felt nothing."""
 DWELL_S, TICK_S = 0.25, 0.02
 LONGEST_S = 5.4
 """Longest duration of the path over the dabs [s]. The arms' limits slow it down by a sixth. With the way to its
@@ -56,7 +53,7 @@ start the pressing takes at most 8 s."""
 @dataclass(frozen=True, eq=False)
 class Dab:
     """One contact of a hand with the cloth. point: (2,) under the middle of the hand, table frame [m]. bottom:
-    lowest height of the tips, at which the layers are pressed flat [m]. high: height of the cloth above the flat
+    lowest height of the tips, at which the layers are flat [m]. high: height of the cloth above the flat
     stack [m]."""
 
     point: Array
@@ -88,7 +85,7 @@ def crease_dabs(
         fingers = [_finger(line, s, inset) for inset in (INSET, INSET + 2.0 * FINGERS)]
         near = crease & (np.abs((places - line.point) @ line.direction - s) < 0.5 * PITCH)
         high = float(above[near].max()) if near.any() else 0.0
-        dabs.append(Dab(frozen(0.5 * (fingers[0] + fingers[1])), max(max(map(flat, fingers)) - PUSH, 0.0), high))
+        dabs.append(Dab(frozen(0.5 * (fingers[0] + fingers[1])), max(map(flat, fingers)), high))
     return tuple(dabs)
 
 

@@ -23,7 +23,7 @@ from foldcell.robots.baxter.robot import load_model
 from foldcell.robots.errors import Failure, FailureKind
 from foldcell.robots.ports import ArmTrajectory, GripperState, Side, TactileReading
 from foldcell.skills.cloth.mesh import ClothMesh
-from foldcell.skills.fold_plan.pressing import OPENING, PUSH, Dab, press_paths
+from foldcell.skills.fold_plan.pressing import OPENING, Dab, press_paths
 from foldcell.skills.grasping.hand_reading import HandReading
 from foldcell.skills.perception.inspection.claim import Claim
 from foldcell.skills.perception.inspection.inspect import Inspection
@@ -299,7 +299,7 @@ def test_fingers_press_along_the_high_part_of_the_crease(tmp_path: Path) -> None
     points = np.array([dab.point for dab in dabs])
     assert len(dabs) > 2 and points[:, 0].min() > 0.50 and points[:, 0].max() < 0.70
     np.testing.assert_allclose(points[:, 1], 0.10 - 0.029, atol=1e-9)
-    assert [dab.bottom for dab in dabs] == pytest.approx([max(FLAT - PUSH, 0.0)] * len(dabs)), "two layers"
+    assert [dab.bottom for dab in dabs] == pytest.approx([FLAT] * len(dabs)), "two layers"
     high = np.array([dab.high for dab in dabs])
     assert (high > BULGE - 0.001).all() and (high < BULGE + LAYER).all(), "the upper layer ends at the crease"
     assert highest == pytest.approx(FLAT + BULGE)
