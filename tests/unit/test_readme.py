@@ -20,7 +20,7 @@ PLACES = {
     "docs/results/garments.md": r"^\| all \| (?P<of>\d+) \| (?P<n>\d+) \| ",
     "docs/results/paper_table.md": r"^\| all \|.*\| (?P<n>\d+) of (?P<of>\d+) \| \d+ to ",
     "docs/results/grasps.md": r"^\| all \|  \| (?P<n>\d+) of (?P<of>\d+) \|",
-    "docs/results/claim.md": r"False claims: (?P<n>\d+) of (?P<of>\d+)",
+    "docs/results/garments.md#runs": r"^\| all \| \d+ \| \d+ \| [^|]+ \| (?P<of>\d+) \| (?P<n>\d+) \|",
     "docs/results/score.md": r"Wrong verdicts: (?P<n>\d+) of (?P<of>\d+)",
     "docs/results/faults.md#a-sample-of-all-kinds": r"At their first performance: (?P<n>\d+) of (?P<of>\d+)",
     "docs/results/faults.md#cloth-on-a-finger": r"^Recovered: (?P<n>\d+) of (?P<of>\d+)",
@@ -42,7 +42,7 @@ def test_a_figure_is_that_of_its_page(about: str, n: str, of: str, ends: str, li
     path, _, anchor = link.partition("#")
     page = (ROOT / path).read_text(encoding="utf-8")
     if anchor:
-        page = page.split(f"### {anchor.replace('-', ' ').capitalize()}\n")[1].split("\n### ")[0]
+        page = page.split(f"# {anchor.replace('-', ' ').capitalize()}\n")[1].split("\n#")[0]
     found = re.search(PLACES[link], page, flags=re.M)
     assert found is not None and (found["n"], found["of"]) == (n, of)
     assert ends == interval(wilson_interval(int(n), int(of)))
