@@ -28,8 +28,13 @@ APPROACH_HEIGHT = 0.08
 """Height above a grasp at which the straight descent begins [m]."""
 OVERTRAVEL = 0.015
 """If a descent meets no contact, it continues to this depth below the planned grasp [m]."""
+PUSHED = 0.006
+"""A hand must be able to go so far below its grasp [m], because it is pushed onto the cloth before it closes."""
 STEP = 0.002
 """Distance between the joint samples of a descent [m]."""
+LARGEST_TURN = 0.05
+"""Largest step of a joint between two samples [rad]. A descent is streamed by its depth, at up to 60 mm/s: near the
+end of an arm's reach, a joint would otherwise be told to jump."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +43,7 @@ class Descent:
 
     depth: (m,) distance below the start of the descent, which lies above the grasp [m]. q: (m, arm) joints at
     these depths. grasp_depth: depth of the planned grasp [m]. The descent continues below it by the overtravel, or
-    as far as the arm reaches.
+    as far as the arm reaches, but by `PUSHED` at least.
     """
 
     q: Array
@@ -138,9 +143,9 @@ def _plan_descent(
     q0 = ik.solve_pose(model, side, start, seed, gain=0.0)
     if q0 is None:
         raise Failed(out_of_reach(table, side, "the point above the grasp", position[0]))
-    q = ik.follow_path(model, side, rotation, position, q0)
+    q = ik.follow_path(model, side, rotation, position, q0, max_step=LARGEST_TURN)
     reached = len(q)
-    if reached < len(to_grasp):
+    if reached < len(to_grasp) + np.count_nonzero(beyond[1:] <= PUSHED):
         raise Failed(out_of_reach(table, side, "the descent", position[reached]))
     return Descent(frozen(q), frozen(depth[:reached]), above)
 

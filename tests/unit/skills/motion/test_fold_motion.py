@@ -192,6 +192,15 @@ def test_descents_go_straight_down_to_the_grasp_and_beyond(checker):
         assert MODEL.tool_pose(side, grasp)[:3, 3] - [0, 0, TABLE.height] == pytest.approx(start, abs=1e-5)
 
 
+@pytest.mark.parametrize(("name", "number", "x"), [("medium", 1, 0.86), ("small", 2, 0.90)])
+def test_near_the_end_of_the_reach_a_descent_neither_jumps_nor_ends_at_the_grasp(checker, name, number, x):
+    """A guarded descent is streamed by its depth: 60 mm/s over samples 2 mm apart. A hand also needs room to push."""
+    step, paths = towel_fold(name, number, x=x)
+    for way in planned(checker, step, paths, approach_height=0.1).unwrap().descend.values():
+        assert np.abs(np.diff(way.q, axis=0)).max() * 0.06 / 0.002 <= MODEL.protective.velocity.max()
+        assert way.depth[-1] >= way.grasp_depth + 0.005
+
+
 def test_retreats_go_straight_up(checker):
     step, paths = towel_fold("small", 2)
     motion = planned(checker, step, paths).unwrap()
