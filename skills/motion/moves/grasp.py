@@ -33,8 +33,8 @@ PUSHED = 0.006
 STEP = 0.002
 """Distance between the joint samples of a descent [m]."""
 LARGEST_TURN = 0.05
-"""Largest step of a joint between two samples [rad]. A descent is streamed by its depth, at up to 60 mm/s: near the
-end of an arm's reach, a joint would otherwise be told to jump."""
+"""Largest step of a joint between two samples [rad]. A descent is streamed by its depth, at up to 60 mm/s: near
+the end of an arm's reach, a joint would otherwise be told to jump."""
 
 
 @dataclass(frozen=True, eq=False)

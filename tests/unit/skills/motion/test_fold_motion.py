@@ -194,7 +194,7 @@ def test_descents_go_straight_down_to_the_grasp_and_beyond(checker):
 
 @pytest.mark.parametrize(("name", "number", "x"), [("medium", 1, 0.86), ("small", 2, 0.90)])
 def test_near_the_end_of_the_reach_a_descent_neither_jumps_nor_ends_at_the_grasp(checker, name, number, x):
-    """A guarded descent is streamed by its depth: 60 mm/s over samples 2 mm apart. A hand also needs room to push."""
+    """A guarded descent is streamed by its depth, 60 mm/s over samples 2 mm apart. A hand needs room to push."""
     step, paths = towel_fold(name, number, x=x)
     for way in planned(checker, step, paths, approach_height=0.1).unwrap().descend.values():
         assert np.abs(np.diff(way.q, axis=0)).max() * 0.06 / 0.002 <= MODEL.protective.velocity.max()
