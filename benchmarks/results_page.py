@@ -48,6 +48,8 @@ def table_of_rows(title: str, rows: Sequence[Row], figures: Mapping[str, Any]) -
 
 
 def table(title: str, names: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    if not rows:
+        return f"## {title}\n\nNone."
     lines = [f"## {title}", "", _line([n.replace("_", " ") for n in names]), _line(["---"] * len(names))]
     return "\n".join(lines + [_line(row) for row in rows])
 

@@ -57,8 +57,9 @@ def stopped(ports: Ports) -> Failure | None:
     return Failure(
         FailureKind.STOPPED,
         f"the stop was triggered: {stop.reason or 'no reason given'}",
-        "clear the cause before starting again"
-        + ("" if ports.simulated else ", and reset the stop (`foldcell reset`)"),
+        "clear the cause"
+        + ("" if ports.simulated else ", reset the stop (`foldcell reset`)")
+        + ", then resume or begin anew",
     )
 
 

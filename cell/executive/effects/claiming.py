@@ -35,7 +35,7 @@ and 6 mm off (before, in the second case, 2 mm), and the edges of the finished t
 
 HINTS = {
     FailureKind.TOO_HIGH: "press its creases by hand, or allow more pressing (pressing.max_attempts in cell.yaml)",
-    FailureKind.OFF_TARGET: "lay the garment flat in the middle of the table and start a new run",
+    FailureKind.OFF_TARGET: "lay the garment flat in mid-table and start a new run (simulated: another seed)",
 }
 
 

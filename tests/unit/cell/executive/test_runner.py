@@ -733,7 +733,9 @@ def test_a_stop_reported_by_the_driver_has_the_same_message_as_any_stop(rig: Rig
     end = rig.run()
     assert end.state is State.STOPPED and end.context.failure is not None
     assert end.context.failure.what == "the stop was triggered: the button"
-    assert end.context.failure.hint == "clear the cause before starting again", "a simulated stop needs no reset"
+    assert end.context.failure.hint == "clear the cause, then resume or begin anew", (
+        "a simulated stop needs no reset"
+    )
 
 
 def test_the_checkpoint_is_written_before_the_result_in_the_journal(rig: Rig) -> None:
