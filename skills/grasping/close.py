@@ -62,13 +62,17 @@ class MovingPads:
 
     @property
     def still(self) -> bool:
-        """Whether the opening has hardly changed over STILL_WINDOW, judged by the least-squares slope of the
-        reports."""
+        """Whether the opening has hardly changed over STILL_WINDOW."""
+        return self.speed < STILL_SPEED
+
+    @property
+    def speed(self) -> float:
+        """Absolute least-squares slope of the reported openings [m/s]; inf if there are too few reports."""
         if len(self.openings) < MIN_SAMPLES or self.openings[-1][0] - self.openings[0][0] < 0.7 * STILL_WINDOW:
-            return False
+            return float("inf")
         t, x = (np.array(column) for column in zip(*self.openings, strict=True))
         t = t - t.mean()
-        return abs(float(t @ x / (t @ t))) < STILL_SPEED
+        return abs(float(t @ x / (t @ t)))
 
 
 @dataclass(frozen=True, eq=False)

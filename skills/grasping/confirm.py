@@ -8,10 +8,11 @@ are n x thickness high, with the uncertainty of the thickness and of the reading
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from foldcell.skills.grasping.close import MIN_SAMPLES, MovingPads
 from foldcell.skills.grasping.hand_reading import HandReading, validate_reading
 from foldcell.skills.grasping.live_pads import dead_pad
 from foldcell.skills.grasping.settings import GraspSettings
@@ -31,6 +32,10 @@ __all__ = [
 
 CONFIRM_READINGS = 15
 """Number of readings that are averaged to confirm a grasp, or that a lifted grasp still holds."""
+SETTLED_SPEED, SETTLED_READINGS = 0.004, 60
+"""Layers are counted once the opening changes more slowly than this [m/s], or after this number of readings. Pads
+feel cloth before they have come to rest on it, and Baxter's gripper reports its opening at a fifth of their
+rate."""
 OPENING_NOISE = 0.0003
 """Minimum assumed standard deviation of one reading of the opening [m]: twice the usual value."""
 
@@ -92,22 +97,28 @@ class Held:
 
 @dataclass(frozen=True, eq=False)
 class Confirmation(LoadedReadings):
-    """State of a confirmation."""
+    """State of a confirmation. reports: the latest reports of the gripper."""
 
     expected: Expectation
+    reports: MovingPads = field(default_factory=MovingPads, kw_only=True)
 
 
 @skill
 def confirm(reading: HandReading, state: Confirmation) -> Confirmation | Outcome[Held]:
-    """Process the reading of one tick. The result follows after `CONFIRM_READINGS` readings.
+    """Process the reading of one tick. The result is that of the last `CONFIRM_READINGS` readings, as soon as the
+    pads have settled.
 
     Failures: MISSED_GRASP (nothing held, or clearly fewer layers than planned), MISSED_LAYER (clearly more layers
     than planned), TACTILE_FAULT (a pad's readings are constant), those of `validate_reading`.
     """
     refuse(validate_reading(reading))
-    after = state.after(reading)
-    if after is state or len(after.pads) < CONFIRM_READINGS:
+    if (after := state.after(reading)) is state:
+        return state
+    after = replace(after, reports=after.reports.after(reading, after.bias, 0.0, MIN_SAMPLES))
+    settled = after.reports.speed < SETTLED_SPEED or len(after.pads) >= SETTLED_READINGS
+    if len(after.pads) < CONFIRM_READINGS or not settled:
         return after
+    after = replace(after, pads=after.pads[-CONFIRM_READINGS:], openings=after.openings[-CONFIRM_READINGS:])
     refuse(dead_pad(reading.tactile.side, np.array(after.pads), after.settings))
     return _evaluate(reading, after)
 

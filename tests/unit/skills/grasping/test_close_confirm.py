@@ -146,6 +146,32 @@ def test_a_hand_under_the_whole_stack_may_take_more_but_not_less(wanted: int, go
         assert state.unwrap().count.layers == got
 
 
+def test_layers_are_counted_when_a_gripper_that_reports_rarely_has_come_to_rest() -> None:
+    """The gripper reports 20 times a second, the pads 100 times. They feel cloth while it still closes."""
+    hand, pads = grasp(4, 1.0, 2)
+    rest, state = hand.opening, Confirmation(SETTINGS, pads, Expectation(NOMINAL, None))
+    ticks, reported = 0, None
+    while not isinstance(state, Outcome):
+        hand.opening = rest + max(0.004 - 0.0005 * ticks, 0.0)
+        reading = hand.read()
+        reported = reading.gripper if reported is None or ticks % 5 == 0 else reported
+        state = confirm(replace(reading, gripper=reported), state)
+        ticks += 1
+    assert state.unwrap().count.layers == 2
+    assert state.unwrap().opening == pytest.approx(rest, abs=0.0003)
+
+
+def test_layers_are_counted_although_a_gripper_never_comes_to_rest() -> None:
+    hand, pads = grasp(4, 1.0, 2)
+    rest, state = hand.opening, Confirmation(SETTINGS, pads, Expectation(NOMINAL, None))
+    for tick in range(100):
+        hand.opening = rest + 0.0002 * (tick % 20)
+        state = confirm(hand.read(), state)
+        if isinstance(state, Outcome):
+            return
+    pytest.fail("the confirmation has not ended in a second")
+
+
 @pytest.mark.parametrize(("scale", "wrong"), [(1.0, 2), (2.0, 4)])
 @pytest.mark.parametrize(("wanted", "got"), [(1, 2), (2, 1), (2, 4), (4, 2)])
 def test_an_unplanned_number_of_layers_is_reported(scale: float, wrong: int, wanted: int, got: int) -> None:
