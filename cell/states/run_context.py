@@ -150,6 +150,11 @@ class RunContext:
         """Return the result of an effect that ends with this failure. record: figures for the journal."""
         return Result(Event.FAILED, self.with_failure(failure), record or {})
 
+    @property
+    def measured_layer(self) -> float | None:
+        """Thickness of a layer between the pads, as measured last [m]."""
+        return self.fold.layer_thickness or self.layer_thickness
+
     def need(self, outcome: Outcome[T], record: Mapping[str, object] | None = None) -> T:
         """Return the outcome's value. If it is a failure, the effect ends with it (`effect`)."""
         self.require(outcome.failure, record)

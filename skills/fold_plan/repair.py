@@ -72,12 +72,15 @@ class RepairPlan:
     them, and opens if it finds other layers than planned. In a simulation, layers of the stack below may stand up
     between the grasped layers, for example beside the crease of an earlier fold. A single held point of such a
     layer would drag the whole stack along. Therefore the hands of a prediction take the cloth of the patch
-    alone."""
+    alone.
+
+    thickness: of a layer, from which the heights of the grasps follow [m]."""
 
     goal: RepairGoal
     step: FoldStep
     headings: Mapping[GraspId, tuple[float, float]]
     patches: Mapping[GraspId, Patch]
+    thickness: float
 
 
 def plan_repair(
@@ -118,10 +121,8 @@ def plan_repair(
     if not grasps:
         return Outcome(failure=_impossible(goal, step, "the cloth of every grasp lies where it should"))
     line = step.line if goal is RepairGoal.COMPLETE else FoldLine(step.line.point, frozen(-step.line.direction))
-    named = f"{goal.value} {step.name}"
-    return Outcome(
-        RepairPlan(goal, replace(step, name=named, line=line, grasps=grasps, targets=targets), headings, patches)
-    )
+    named = replace(step, name=f"{goal.value} {step.name}", line=line, grasps=grasps, targets=targets)
+    return Outcome(RepairPlan(goal, named, headings, patches, thickness))
 
 
 def ways_to_hold(step: FoldStep) -> Iterator[tuple[str, FoldStep]]:

@@ -171,6 +171,14 @@ class Garment:
         low, high = self.fabric.thickness
         return (high - low) / 12.0**0.5
 
+    def thickness_of(self, measured: float | None) -> float:
+        """Return the thickness of one layer [m] that follows from a measurement between the pads, or without one
+        the stated thickness. A measurement outside the range of the fabric's class is taken as the nearest
+        thickness of the class: the hands may have held a fold of the cloth."""
+        if measured is None:
+            return self.material.thickness
+        return measured if self.fabric is None else float(np.clip(measured, *self.fabric.thickness))
+
     def place(self, x: float, y: float, angle: float = 0.0, scale: float = 1.0) -> Array:
         """Return the positions (k, 2) of the key points at a pose, table frame [m]."""
         c, s = np.cos(angle), np.sin(angle)

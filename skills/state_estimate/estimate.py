@@ -72,6 +72,8 @@ class StateEstimate:
     fits: tuple[Fit, ...]
     simulations: int
     contour: Array
+    as_folded: Fit | None = None
+    """The fit of the fold as it was predicted, without any interruption."""
 
     @property
     def likeliest_shape(self) -> Fit | None:
@@ -224,4 +226,7 @@ def _judge(
     probabilities = {state: float(np.exp(total.get(state, -np.inf) - norm)) for state in FoldState}
     state = max(probabilities, key=lambda s: probabilities[s])
     best = next((f for f in ordered if f.hypothesis.state is state), None)
-    return StateEstimate(state, probabilities[state], best, probabilities, ordered, simulations, seen.contour)
+    folded = (f for f in fits if f.hypothesis.state is FoldState.AFTER and f.hypothesis.interruption is None)
+    return StateEstimate(
+        state, probabilities[state], best, probabilities, ordered, simulations, seen.contour, next(folded, None)
+    )

@@ -69,14 +69,11 @@ def make_claim(
 
 
 def _layers(context: RunContext, plan: Plan, spread: float) -> Layers:
-    """Return what is known of the garment's layers. The hands measure a layer between their pads. A measurement
-    outside the range of the fabric's class is taken as the nearest thickness of the class: the hands may have held
-    a fold of the cloth."""
-    nominal, measured = plan.nominal, context.fold.layer_thickness or context.layer_thickness
-    stated, fabric = nominal.material.thickness, nominal.fabric
-    if measured is None:
+    """Return what is known of the garment's layers. The hands measure a layer between their pads."""
+    nominal, stated = plan.nominal, plan.nominal.material.thickness
+    if context.measured_layer is None:
         return Layers(nominal.layers, stated, Normal(stated, nominal.thickness_sigma(spread)))
-    known = measured if fabric is None else float(np.clip(measured, *fabric.thickness))
+    known = nominal.thickness_of(context.measured_layer)
     return Layers(nominal.layers, stated, Normal(known, LEARNED_ERROR * known))
 
 

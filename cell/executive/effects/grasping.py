@@ -16,22 +16,22 @@ from foldcell.cell.control.motions.guarded_motions import (
     guarded_descent,
     push_down,
 )
-from foldcell.cell.control.motions.hands import commanding, each_hand
+from foldcell.cell.control.motions.hands import each_hand
+from foldcell.cell.executive.effects.closing import UpperLayers, close_and_confirm
 from foldcell.cell.hardware.workcell import Workcell
 from foldcell.cell.states.fold_context import FoldContext
 from foldcell.cell.states.recovery_table import Adjustment
 from foldcell.cell.states.run_context import Result, RunContext, effect
-from foldcell.cell.states.stages import Attempt, Plan
+from foldcell.cell.states.stages import Attempt, Plan, Repair
 from foldcell.cell.states.transition_table import Event
 from foldcell.robots.errors import Failure
 from foldcell.robots.ports import JointState, Side
 from foldcell.skills.garments.garment import Garment
-from foldcell.skills.grasping.close import close, start_close
-from foldcell.skills.grasping.confirm import Confirmation, Expectation, Held, confirm
+from foldcell.skills.grasping.confirm import Expectation
 from foldcell.skills.grasping.descend import Contact, DescentGoal, start_descent, yielding
 from foldcell.skills.grasping.settings import GraspSettings
 from foldcell.skills.grasping.standing import lower_tip, standing_height, to_stand_at
-from foldcell.skills.grasping.tare import TactileBias, TareState, tare
+from foldcell.skills.grasping.tare import TareState, tare
 from foldcell.skills.motion.kinematics.posture import Posture
 from foldcell.skills.vocabulary import Grasp, Outcome
 
@@ -75,7 +75,7 @@ def grasp(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt) -> 
     fold = replace(fold, biases=biases, touched=True)
     context = replace(context, fold=fold)
     lowering: dict[Side, Lowering] = {}
-    stated = plan.garment.material.thickness
+    stated = _planned_layer(fold, plan)
     contacts = context.need(_descend(cell, attempt, fold, settings, lowering, stated))
     monitor = FingertipForceMonitor(cell.hands, fold.biases)
     # tips that are pushed into the upper layers would take the layers below them, too
@@ -94,9 +94,12 @@ def grasp(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt) -> 
     counting = replace(settings, thickness_error=error)
     expected = {s: _expected(attempt.grasp_of(s), stated, thickness) for s in fold.biases}
     state = cell.ports.arms.state()
-    closed = _close_and_confirm(cell, fold.biases, expected, counting)
+    upper = _upper_layers(cell, attempt, fold, stated, lowering)
+    closed = close_and_confirm(cell, fold.biases, expected, counting, upper)
     if closed.failure and to_table:
         closed = Outcome(failure=_with_standing(cell, attempt, fold, stated, state, closed.failure))
+    if upper.grips:
+        record["held_before"] = {s.value: [[g.height, g.layers] for g in t] for s, t in upper.grips.items()}
     held = context.need(closed, record)
     record |= {"held": {s.value: {"grip_n": h.grip, "opening_m": h.opening} for s, h in held.items()}}
     openings = [(h.opening - settings.empty_opening) / attempt.grasp_of(s).layers for s, h in held.items()]
@@ -193,9 +196,8 @@ def _pushed_height(
     below = _closed_below(cell, attempt, side, thickness)
     if below <= LEANING:
         return touched - (PUSH + deeper if whole else 0.0)
-    if whole:
-        return table + to_stand_at(-deeper, below)
-    return table + to_stand_at(_height_in_stack(grasp, thickness, _shift(fold)), below)
+    height = -deeper if whole else _height_in_stack(grasp, thickness, _shift(fold))
+    return min(touched, table + to_stand_at(height, below))
 
 
 def _with_standing(
@@ -218,8 +220,8 @@ def _push(
     lowering: Mapping[Side, Lowering],
     monitor: FingertipForceMonitor,
 ) -> Failure | None:
-    """Lower each hand further. height_of: (side, present height) -> height of the middle between its tips after
-    the push [m].
+    """Move each hand further down, or up. height_of: (side, present height) -> height of the middle between its
+    tips after the motion [m].
 
     Heights are measured from the contact of the first tip, because the table's height is known only to a few
     millimetres.
@@ -229,31 +231,44 @@ def _push(
         strokes = {}
         for s, hand in lowering.items():
             depth, height = cell.hands.depth(s, hand.descent, start.q), cell.hands.height(s, start.q)
-            strokes[s] = depth, depth + max(height - height_of(s, height), 0.0)
+            strokes[s] = depth, depth + height - height_of(s, height)
         max_force = cell.grasp.press_force
         return push_down(cell.hands, cell.last_command, start, lowering, strokes, monitor, max_force)
 
     return cell.loop.run(begin).failure
 
 
-def _close_and_confirm(
-    cell: Workcell,
-    biases: Mapping[Side, TactileBias],
-    expected: Mapping[Side, Expectation],
-    settings: GraspSettings,
-) -> Outcome[dict[Side, Held]]:
-    hands, state = cell.hands, cell.ports.arms.state()
-    states = {s: start_close(settings, bias, hands.read(s, state)) for s, bias in biases.items()}
-    closed = each_hand(cell.loop, hands, states, commanding(hands, close))
-    if closed.failure:
-        return Outcome(failure=closed.failure)
-    confirmations = {s: Confirmation(settings, bias, expected[s]) for s, bias in biases.items()}
-    return each_hand(cell.loop, hands, confirmations, lambda side, r, s: confirm(r, s))
+def _upper_layers(
+    cell: Workcell, attempt: Attempt, fold: FoldContext, thickness: float, lowering: Mapping[Side, Lowering]
+) -> UpperLayers:
+    """Return the hands that take only upper layers, and how they are moved."""
+
+    below = {s: _closed_below(cell, attempt, s, thickness) for s in fold.biases}
+    table = {s: fold.table_contact.get(s, 0.0) for s in fold.biases}
+
+    def stands(side: Side) -> float:
+        return standing_height(cell.hands.height(side, cell.ports.arms.state().q) - table[side], below[side])
+
+    def move(heights: Mapping[Side, float]) -> Failure | None:
+        goals = {s: table[s] + to_stand_at(height, below[s]) for s, height in heights.items()}
+        monitor = FingertipForceMonitor(cell.hands, {s: fold.biases[s] for s in heights})
+        return _push(cell, lambda side, _: goals[side], {s: lowering[s] for s in heights}, monitor)
+
+    lowest = {s: LOWEST * thickness for s in fold.biases if not attempt.grasp_of(s).whole_stack(thickness)}
+    return UpperLayers(stands, move, lowest, thickness)
+
+
+def _planned_layer(fold: FoldContext, plan: Plan) -> float:
+    """Return the thickness of a layer with which the heights of the grasps were planned [m]."""
+    return fold.repair.plan.thickness if isinstance(fold.repair, Repair) else plan.garment.material.thickness
 
 
 def _layer_thickness(context: RunContext, garment: Garment, settings: GraspSettings) -> tuple[float, float]:
     """Return the thickness of a layer between the pads [m] and its relative error. It was measured in an earlier
-    fold of this run. If not, it is the value of the garment's file, with the spread of the class of fabrics."""
+    fold of this run, or before the repair of this one. If not, it is the value of the garment's file, with the
+    spread of the class of fabrics."""
+    if isinstance(context.fold.repair, Repair) and context.measured_layer is not None:
+        return context.fold.repair.plan.thickness, LEARNED_ERROR
     if context.layer_thickness is not None:
         return context.layer_thickness, LEARNED_ERROR
     stated = garment.material.thickness

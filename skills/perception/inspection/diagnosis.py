@@ -10,7 +10,14 @@ from foldcell.skills.perception.inspection.moved_edge import MovedEdge
 from foldcell.skills.perception.inspection.result import MAX_PILED_AREA, Inspection, InspectionSettings
 from foldcell.skills.vocabulary import Array, FailureKind, FoldStep
 
-__all__ = ["beyond_limits", "diagnose", "diagnosed_by_height", "lasting_defect", "outline_matches"]
+__all__ = [
+    "beyond_limits",
+    "corners_in_place",
+    "diagnose",
+    "diagnosed_by_height",
+    "lasting_defect",
+    "outline_matches",
+]
 
 CORNER_RADIUS = 0.07
 """If a deviation of the outline is nearer than this to a corner of the target, it counts as a deviation of this
@@ -137,6 +144,11 @@ def beyond_limits(seen: Inspection, settings: InspectionSettings) -> tuple[str, 
         share, most = (f"{100 * a:.0f} %" for a in (seen.missing_layer, MAX_MISSING))
         texts.append(f"a target lacks {share} of its upper layer's height (at most {most})")
     return tuple(texts)
+
+
+def corners_in_place(seen: Inspection) -> bool:
+    """Whether all of the moved edge is visible, and neither of its corners lags."""
+    return seen.edge is not None and seen.edge.wholly_seen and seen.edge.corner <= _edge_limits(seen.edge)[0]
 
 
 def _mm(length: float) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 
 from foldcell.cell.hardware.workcell import Workcell
 from foldcell.cell.planning.fold_planning import tool_speed
+from foldcell.cell.states.fold_context import FoldContext
 from foldcell.cell.states.run_context import Result, RunContext
 from foldcell.cell.states.stages import Attempt, Plan, Repair
 from foldcell.cell.states.transition_table import Event
@@ -17,6 +18,8 @@ from foldcell.skills.cloth.predict import predict_fold
 from foldcell.skills.fold_plan.folding import target_vertices
 from foldcell.skills.fold_plan.plan import translate_plan
 from foldcell.skills.fold_plan.repair import RepairGoal, RepairPlan, plan_repair, ways_to_hold
+from foldcell.skills.perception.inspection.diagnosis import corners_in_place
+from foldcell.skills.state_estimate.comparison import Fit
 from foldcell.skills.trajectory.arcs.paths import fold_duration, lifted, tool_paths
 from foldcell.skills.trajectory.arcs.repair_arcs import repair_arcs, turned_paths
 from foldcell.skills.trajectory.search.acceptance import acceptance_limit
@@ -41,13 +44,13 @@ def choose_repair(cell: Workcell, context: RunContext, plan: Plan, attempt: Atte
     """Plan how the hands put right the cloth that a fold has moved, from the estimated state of the garment.
 
     The fold is completed if the garment is then predicted to lie about as well as the fold was planned to leave
-    it. Otherwise it is undone. This may follow an earlier plan to complete it: the arms may have found no good
-    way, or the cloth may have slipped again. If every way is predicted to miss, the hands are to hold the cloth
-    elsewhere, or one hand alone. Of several arcs, the one that is predicted to come nearest to its aim is chosen.
-    Motion planning follows, as for a fold.
+    it, and better than now. Otherwise it is undone. This may follow an earlier plan to complete it: the arms may
+    have found no good way, or the cloth may have slipped again. If every way is predicted to miss, the hands are
+    to hold the cloth elsewhere, or one hand alone. Of several arcs, the one that is predicted to come nearest to
+    its aim is chosen. Motion planning follows, as for a fold.
     """
-    fold, thickness = context.fold, plan.garment.material.thickness
-    found = fold.estimate.likeliest_shape if fold.estimate is not None else None
+    fold, thickness = context.fold, plan.garment.thickness_of(context.measured_layer)
+    found = _believed(fold, attempt)
     if found is None:
         return _failed(context, _impossible("it is not known how the garment lies"))
     (step,) = translate_plan((attempt.step,), found.drift, found.drift_rad, found.about)
@@ -55,8 +58,10 @@ def choose_repair(cell: Workcell, context: RunContext, plan: Plan, attempt: Atte
     folded = found.placed(target_vertices(plan.mesh, attempt.step.lines, plan.garment.material))
     aims = {RepairGoal.COMPLETE: folded, RepairGoal.UNDO: before}
     completed = RepairGoal.COMPLETE in fold.tried
+    present = dissimilarity(folded, now, plan.mesh.triangles, plan.mesh.area)
+    promised = min(acceptance_limit(plan.mesh.rest, attempt.dissimilarity_m), present)
     limits = {
-        RepairGoal.COMPLETE: -np.inf if completed else acceptance_limit(plan.mesh.rest, attempt.dissimilarity_m),
+        RepairGoal.COMPLETE: -np.inf if completed else promised,
         RepairGoal.UNDO: acceptance_limit(plan.mesh.rest),
     }
     ways: list[_Candidate] = []
@@ -97,6 +102,17 @@ def choose_repair(cell: Workcell, context: RunContext, plan: Plan, attempt: Atte
     begun = replace(attempt, carried=False)
     fold = replace(fold, repair=repair, attempt=begun, tried=(*fold.tried, best.plan.goal))
     return Result(Event.DONE, replace(context, fold=fold), record)
+
+
+def _believed(fold: FoldContext, attempt: Attempt) -> Fit | None:
+    """Return how the garment lies. An estimate that one hand has lost its corner is not believed if the inspection
+    has seen all of the moved edge, with both corners in place. The fold then lies about as predicted."""
+    if fold.estimate is None:
+        return None
+    found, seen = fold.estimate.likeliest_shape, attempt.inspection
+    how = None if found is None else found.hypothesis.interruption
+    contradicted = how is not None and len(how.lost) == 1 and seen is not None and corners_in_place(seen)
+    return fold.estimate.as_folded or found if contradicted else found
 
 
 def _best(ways: Sequence[_Candidate], limit: float) -> _Candidate:

@@ -30,7 +30,7 @@ def way_back(
     grasp = Grasp(np.array(start), 0.3, 1, 2 * THICKNESS)
     line = FoldLine(np.array([0.6, 0.0]), np.array([0.0, 1.0]))
     step = FoldStep("undo half", 0, line, (), {GRASP: grasp}, {GRASP: np.array([*end, 0.005])})
-    return RepairPlan(goal, step, {GRASP: (0.3, 0.3)}, {})
+    return RepairPlan(goal, step, {GRASP: (0.3, 0.3)}, {}, THICKNESS)
 
 
 def test_the_arcs_begin_in_the_grasped_layer_and_end_where_the_cloth_lay() -> None:
