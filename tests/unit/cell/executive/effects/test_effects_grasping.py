@@ -353,3 +353,65 @@ def test_the_push_force_is_relative_to_the_free_fingertip(monkeypatch: pytest.Mo
     felt[Side.RIGHT] = [float("nan"), 0.5]
     bad = pushes.look(state_of(0.3))
     assert bad is not None and bad.kind is K.TACTILE_FAULT and "right" in bad.what
+
+
+class InStack(Hand):
+    """A hand in a stack of four layers, whose pads take the layers with upper sides above its tips. raised: by which
+    these lie higher than planned [m]."""
+
+    raised = 0.0
+
+    @property
+    def between(self) -> float:
+        here = height(None, self.side, self._cell.q) - self.raised
+        return sum((k + 1) * LAYER > here for k in range(4)) * LAYER
+
+    @between.setter
+    def between(self, _: float) -> None: ...
+
+
+def in_stack(monkeypatch: pytest.MonkeyPatch, raised: float) -> tuple[FakeCell, Workcell, RunContext, Any]:
+    """Both hands are to take two of four layers. raised: of the layers under the left hand [m]."""
+    monkeypatch.setitem(over_cloth.__globals__, "Hand", InStack)
+    cell, work, context, both = over_cloth(monkeypatch)
+    both[Side.LEFT].raised = raised
+    lean(context, 0.0)
+    grasps = context.fold.attempt.step.grasps
+    grasps.update({i: replace(g, height=(LAYERS + 2) * LAYER) for i, g in grasps.items()})
+    return cell, work, context, both
+
+
+@pytest.mark.parametrize("raised", [-1.6 * LAYER, -0.8 * LAYER, 0.0, 0.8 * LAYER, 1.6 * LAYER])
+def test_a_hand_that_takes_other_upper_layers_than_planned_closes_again_at_another_height(
+    raised: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cell, work, context, both = in_stack(monkeypatch, raised)
+    result = EFFECTS[Effect.GRASP](work, context)
+    assert result.event is Event.DONE
+    assert {s: h.count.layers for s, h in result.context.fold.held.items()} == dict.fromkeys(Side, LAYERS)
+    closed = {side: sum(opening == 0.0 for _, opening in told(both[side])) for side in Side}
+    assert closed[Side.RIGHT] == 1, "it holds its layers meanwhile"
+    assert (closed[Side.LEFT] > 1) == (raised != 0.0) == ("held_before" in result.record)
+    heights = [h for h, _ in result.record.get("held_before", {"left": []})["left"]]  # type: ignore[attr-defined]
+    ends = [*heights, height(None, Side.LEFT, cell.q)]
+    assert all((b - a) * raised > 0.0 for a, b in zip(ends, ends[1:], strict=False)) or len(ends) > 3
+    assert np.diff([t for t, _ in cell.commands]).max() < 0.011, "the arms are commanded all the time"
+
+
+def told(hand: Any) -> list[tuple[float, float]]:
+    """Return the commanded openings when they change."""
+    heard = hand.heard
+    return [heard[0], *(b for a, b in zip(heard, heard[1:], strict=False) if a[1] != b[1])]
+
+
+def test_a_hand_whose_layers_cannot_be_told_apart_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The layers stick together: the pads take all or none."""
+    _, work, context, both = in_stack(monkeypatch, 0.0)
+    sticking = property(
+        lambda hand: 4 * LAYER * (height(None, hand.side, hand._cell.q) < 2.3 * LAYER), lambda hand, _: None
+    )
+    monkeypatch.setattr(InStack, "between", sticking)
+    result = EFFECTS[Effect.GRASP](work, context)
+    assert result.event is Event.FAILED and result.context.failure.kind in {K.MISSED_GRASP, K.MISSED_LAYER}
+    tries = result.record["held_before"]
+    assert 3 <= len(tries["left"]) <= 5 and not result.context.fold.held  # type: ignore[index]
