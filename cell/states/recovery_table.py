@@ -158,14 +158,14 @@ is still not flat: otherwise a person may have laid another garment."""
 _REFUSED = (replace(_LOOK_PATIENTLY[0], until=1), _SPREAD, *_LOOK_PATIENTLY)
 
 
-def _repair(adjust: Adjustment) -> tuple[Recovery, ...]:
-    """Return the rows for a half-made fold, which answer up to the third failure. If the garment lies as before
-    the fold, the cell looks again. Otherwise it completes the fold from where its edge lies, or undoes it. A fold
+def _repair(adjust: Adjustment, until: int = 3) -> tuple[Recovery, ...]:
+    """Return the rows for a half-made fold, which answer up to so many failures. If the garment lies as before the
+    fold, the cell looks again. Otherwise it completes the fold from where its edge lies, or undoes it. A fold
     that is made anew has the change `adjust`. If it then fails in the same way, it is not made a third time."""
     when = (repairable, not_failed_alike)
     return (
-        Recovery(Event.LOOK_AGAIN, adjust, until=3, when=(*when, lies_as_before), not_made=True),
-        Recovery(Event.REPAIR, adjust, until=3, when=when),
+        Recovery(Event.LOOK_AGAIN, adjust, until=until, when=(*when, lies_as_before), not_made=True),
+        Recovery(Event.REPAIR, adjust, until=until, when=when),
     )
 
 
@@ -220,21 +220,22 @@ RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
     K.GRIPPER_FAULT: (*_FEEL_AGAIN, *_ask("the gripper does not do as it is told")),
     # the fold itself; if it is only displaced, the plan is moved to it
     K.DRIFT: (Recovery(Event.CARRY_ON, when=(carried,)), *_SHAPE),
-    K.OFF_TARGET: (*_GOOD_ENOUGH, *_repair(A.NONE), _NEAR_ENOUGH, *_SHAPE),
-    K.PILING: (*_GOOD_ENOUGH, *_repair(A.OPTIMISE), _NEAR_ENOUGH, *_SHAPE),
+    K.OFF_TARGET: (*_GOOD_ENOUGH, *_repair(A.NONE), _NEAR_ENOUGH, _SPREAD, *_SHAPE),
+    K.PILING: (*_GOOD_ENOUGH, *_repair(A.OPTIMISE), _NEAR_ENOUGH, _SPREAD, *_SHAPE),
     # the last fold stands higher than its fabric explains, and pressing has not helped: it is folded anew
     K.TOO_HIGH: (*_GOOD_ENOUGH, *_repair(A.OPTIMISE), *_SHAPE),
-    K.SAG: (*_GOOD_ENOUGH, *_repair(A.OPTIMISE), _NEAR_ENOUGH, *_SHAPE),
-    K.DROPPED_CORNER: (*_GOOD_ENOUGH, *_repair(A.STRONGER), _NEAR_ENOUGH, *_SHAPE),
+    K.SAG: (*_GOOD_ENOUGH, *_repair(A.OPTIMISE), _NEAR_ENOUGH, _SPREAD, *_SHAPE),
+    K.DROPPED_CORNER: (*_GOOD_ENOUGH, *_repair(A.STRONGER), _NEAR_ENOUGH, _SPREAD, *_SHAPE),
     K.MISSED_LAYER: (
         _CARRY_ON,
         *_held_too_many(_MADE_ANEW_LOWER),
         *_MADE_ANEW_LOWER,
         _NEAR_ENOUGH,
+        _SPREAD,
         *_SHAPE,
     ),
     # the garment lies neither as before nor as after the fold: the estimate must be the same twice
-    K.HALF_FOLDED: (*_LOOK_ONCE_MORE, *_repair(A.NONE), _SPREAD, *_LIES),
+    K.HALF_FOLDED: (*_LOOK_ONCE_MORE, *_repair(A.NONE, until=4), _SPREAD, *_LIES),
     K.HEAPED: (*_LOOK_ONCE_MORE, _SPREAD, *_LIES),
     # the cell itself
     K.STOPPED: _ask(_PERSON),

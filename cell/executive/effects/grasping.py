@@ -45,7 +45,7 @@ DEEPER = 0.002
 STOP = 0.65
 """If only upper layers are to be held, the descent stops at this height in the lowest of them, in layers. The tips
 come to rest a little lower, near the middle of the layer."""
-UP, DOWN = 0.25, 1.0
+UP, DOWN = 0.25, 0.5
 """Shift of STOP for each adjustment HIGHER and LOWER, in layers. LOWER is the larger shift: a hand that held too
 little has closed in the air above lofty or rumpled cloth, whose layers are not known well."""
 LOWEST, HIGHEST = 0.3, 1.3

@@ -44,10 +44,11 @@ def choose_repair(cell: Workcell, context: RunContext, plan: Plan, attempt: Atte
     """Plan how the hands put right the cloth that a fold has moved, from the estimated state of the garment.
 
     The fold is completed if the garment is then predicted to lie about as well as the fold was planned to leave
-    it, and better than now. Otherwise it is undone. This may follow an earlier plan to complete it: the arms may
-    have found no good way, or the cloth may have slipped again. If every way is predicted to miss, the hands are
-    to hold the cloth elsewhere, or one hand alone. Of several arcs, the one that is predicted to come nearest to
-    its aim is chosen. Motion planning follows, as for a fold.
+    it. Otherwise it is undone. This may follow an earlier plan to complete it: the arms may have found no good
+    way, or the cloth may have slipped again. A way after which the garment would lie no nearer to its aim than now
+    is not taken. If every way is predicted to miss, the hands are to hold the cloth elsewhere, or one hand alone.
+    Of several arcs, the one that is predicted to come nearest to its aim is chosen. Motion planning follows, as
+    for a fold.
     """
     fold, thickness = context.fold, plan.garment.thickness_of(context.measured_layer)
     found = _believed(fold, attempt)
@@ -58,10 +59,8 @@ def choose_repair(cell: Workcell, context: RunContext, plan: Plan, attempt: Atte
     folded = found.placed(target_vertices(plan.mesh, attempt.step.lines, plan.garment.material))
     aims = {RepairGoal.COMPLETE: folded, RepairGoal.UNDO: before}
     completed = RepairGoal.COMPLETE in fold.tried
-    present = dissimilarity(folded, now, plan.mesh.triangles, plan.mesh.area)
-    promised = min(acceptance_limit(plan.mesh.rest, attempt.dissimilarity_m), present)
     limits = {
-        RepairGoal.COMPLETE: -np.inf if completed else promised,
+        RepairGoal.COMPLETE: -np.inf if completed else acceptance_limit(plan.mesh.rest, attempt.dissimilarity_m),
         RepairGoal.UNDO: acceptance_limit(plan.mesh.rest),
     }
     ways: list[_Candidate] = []
@@ -86,7 +85,7 @@ def choose_repair(cell: Workcell, context: RunContext, plan: Plan, attempt: Atte
         assert refused is not None
         return _failed(context, refused)
     if not predicted:
-        return _failed(context, _impossible("the cloth simulation fails on every way to repair it"))
+        return _failed(context, _impossible("each way brings it no nearer to its aim, or its simulation fails"))
     best = _best(predicted, limits[RepairGoal.COMPLETE])
     repair, motion = Repair(best.plan, best.trajectory, now, best.target, found, attempt), best.plan.step
     record = {
@@ -135,7 +134,8 @@ def _trajectory(cell: Workcell, plan: Plan, controls: Mapping[GraspId, Array]) -
 
 def _simulated(cell: Workcell, plan: Plan, way: _Candidate, now: Array) -> _Candidate:
     """Simulate the repair. Return the candidate with the dissimilarity between its aim and the simulated garment,
-    which is infinite if the simulation fails. now: (n, 3) the present garment [m]."""
+    which is infinite if the simulation fails, or if the garment would lie no nearer to the aim than now. now:
+    (n, 3) the present garment [m]."""
     height, speed = cell.settings.grasp.lift_height, tool_speed(cell.settings, plan.garment)
     paths = turned_paths(tool_paths(way.trajectory, way.plan.step, speed), way.plan.headings)
     paths = {grasp_id: lifted(path, height) for grasp_id, path in paths.items()}
@@ -145,6 +145,8 @@ def _simulated(cell: Workcell, plan: Plan, way: _Candidate, now: Array) -> _Cand
             grip_force=cell.grasp.grip_force, patches=way.plan.patches,
         )  # fmt: skip
     except CellError:
+        return way
+    if np.linalg.norm(end.vertices - way.target) >= np.linalg.norm(now - way.target):
         return way
     error = dissimilarity(way.target, end.vertices, plan.mesh.triangles, plan.mesh.area)
     return replace(way, trajectory=replace(way.trajectory, dissimilarity=error))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -356,8 +357,8 @@ def test_the_push_force_is_relative_to_the_free_fingertip(monkeypatch: pytest.Mo
 
 
 class InStack(Hand):
-    """A hand in a stack of four layers, whose pads take the layers with upper sides above its tips. raised: by which
-    these lie higher than planned [m]."""
+    """A hand in a stack of four layers, whose pads take the layers with upper sides above its tips. raised: by
+    which these lie higher than planned [m]."""
 
     raised = 0.0
 
@@ -394,19 +395,19 @@ def test_a_hand_that_takes_other_upper_layers_than_planned_closes_again_at_anoth
     assert (closed[Side.LEFT] > 1) == (raised != 0.0) == ("held_before" in result.record)
     heights = [h for h, _ in result.record.get("held_before", {"left": []})["left"]]  # type: ignore[attr-defined]
     ends = [*heights, height(None, Side.LEFT, cell.q)]
-    assert all((b - a) * raised > 0.0 for a, b in zip(ends, ends[1:], strict=False)) or len(ends) > 3
+    assert all((b - a) * raised > 0.0 for a, b in itertools.pairwise(ends)) or len(ends) > 3
     assert np.diff([t for t, _ in cell.commands]).max() < 0.011, "the arms are commanded all the time"
 
 
 def told(hand: Any) -> list[tuple[float, float]]:
     """Return the commanded openings when they change."""
     heard = hand.heard
-    return [heard[0], *(b for a, b in zip(heard, heard[1:], strict=False) if a[1] != b[1])]
+    return [heard[0], *(b for a, b in itertools.pairwise(heard) if a[1] != b[1])]
 
 
 def test_a_hand_whose_layers_cannot_be_told_apart_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:
     """The layers stick together: the pads take all or none."""
-    _, work, context, both = in_stack(monkeypatch, 0.0)
+    _, work, context, _ = in_stack(monkeypatch, 0.0)
     sticking = property(
         lambda hand: 4 * LAYER * (height(None, hand.side, hand._cell.q) < 2.3 * LAYER), lambda hand, _: None
     )

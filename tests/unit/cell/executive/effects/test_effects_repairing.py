@@ -22,13 +22,14 @@ from foldcell.skills.cloth.mesh import mesh_from_contour
 from foldcell.skills.fold_plan.folding import target_vertices
 from foldcell.skills.fold_plan.plan import plan_folds
 from foldcell.skills.fold_plan.repair import RepairGoal, ways_to_hold
+from foldcell.skills.perception.inspection.moved_edge import MovedEdge
 from foldcell.skills.state_estimate.comparison import Fit
 from foldcell.skills.state_estimate.estimate import StateEstimate
-from foldcell.skills.state_estimate.hypothesis import FoldState, Hypothesis
+from foldcell.skills.state_estimate.hypothesis import FoldState, Hypothesis, Interruption
 from foldcell.skills.trajectory.arcs.bezier import arc_controls
 from foldcell.skills.trajectory.arcs.frame import frames_of
 from foldcell.skills.trajectory.search.acceptance import PROMISE_SLACK
-from foldcell.skills.vocabulary import Grasp, GraspTrajectory, PredictedShape
+from foldcell.skills.vocabulary import Grasp, GraspId, GraspTrajectory, PredictedShape
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.inspections import a_claim, inspection
@@ -125,6 +126,44 @@ def test_a_fold_is_completed_if_it_is_then_as_good_as_planned_and_undone_otherwi
     assert task.promised == (None if goal is RepairGoal.UNDO else repair.trajectory.dissimilarity)
 
 
+@pytest.mark.parametrize(
+    ("lag", "hands"),
+    [(np.zeros(9), 2), (np.r_[0.05, 0.05, np.zeros(7)], 1), (np.r_[np.nan, np.zeros(8)], 1), (None, 1)],
+)
+def test_a_corner_that_was_seen_in_its_place_is_not_carried_on(
+    monkeypatch: pytest.MonkeyPatch, lag: Array | None, hands: int
+) -> None:
+    """The estimate says that the left hand has lost its corner. lag: of the moved edge, as the inspection has seen
+    it [m]; None: not at all. Seen in its place, the whole edge is undone; otherwise the corner is completed."""
+    predicting(monkeypatch, {RepairGoal.COMPLETE: 0.0, RepairGoal.UNDO: 0.001})
+    corner = np.linalg.norm(FOLDED[:, :2] - HALF.targets[GraspId.LEFT][:2], axis=1) < 0.06
+    dropped = FOLDED - np.outer(corner, [*(0.1 * HALF.line.normal), 0.0])
+    context = attempted(failed_fold(dropped))
+    found = context.fold.estimate
+    assert found is not None and found.best is not None and context.fold.attempt is not None
+    lost = replace(found.best.hypothesis, interruption=Interruption({GraspId.LEFT: 0.9}))
+    shape = PredictedShape(FOLDED, MESH.triangles, MESH.rest)
+    folded = replace(found.best, hypothesis=Hypothesis(FoldState.AFTER, shape))
+    found = replace(found, best=replace(found.best, hypothesis=lost), as_folded=folded)
+    seen = inspection(edge=None if lag is None else MovedEdge(lag, THICKNESS))
+    context = replace(context, fold=replace(context.fold, estimate=found))
+    attempt = replace(context.fold.attempt, inspection=seen)
+    result = EFFECTS[Effect.PLAN_REPAIR](fake_workcell(FakeCell()), context.with_attempt(attempt))
+    repair = result.context.fold.repair
+    assert repair is not None and len(repair.plan.step.grasps) == hands
+    assert repair.plan.goal is (RepairGoal.UNDO if hands == 2 else RepairGoal.COMPLETE)
+
+
+def test_a_repair_that_would_not_bring_the_garment_nearer_to_its_aim_is_not_begun(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now = float(np.linalg.norm(half_way() - FOLDED, axis=1).mean())
+    predicting(monkeypatch, dict.fromkeys(RepairGoal, 2.0 * now))
+    result = EFFECTS[Effect.PLAN_REPAIR](fake_workcell(FakeCell()), attempted(failed_fold(half_way())))
+    assert result.event is Event.FAILED and "nearer to its aim" in result.context.failure.what
+    assert result.context.fold.repair is None
+
+
 def test_a_fold_that_was_not_begun_is_completed_only_if_it_cannot_be_undone(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -135,9 +174,9 @@ def test_a_fold_that_was_not_begun_is_completed_only_if_it_cannot_be_undone(
 
 
 def test_a_fold_that_was_to_be_completed_before_is_undone(monkeypatch: pytest.MonkeyPatch) -> None:
-    predicting(monkeypatch, {RepairGoal.COMPLETE: 0.0, RepairGoal.UNDO: 0.01})
     context = attempted(failed_fold(half_way()))
     for goal in (RepairGoal.COMPLETE, RepairGoal.UNDO, RepairGoal.UNDO):
+        predicting(monkeypatch, {RepairGoal.COMPLETE: 0.0, RepairGoal.UNDO: 0.01})
         context = EFFECTS[Effect.PLAN_REPAIR](fake_workcell(FakeCell()), context).context
         assert context.fold.repair is not None and context.fold.repair.plan.goal is goal
         context = replace(context, fold=replace(context.fold, repair=None))
