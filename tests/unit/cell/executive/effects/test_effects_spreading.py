@@ -17,6 +17,7 @@ from foldcell.cell.executive.effects.planning import _task
 from foldcell.cell.executive.effects.recovery import spreading
 from foldcell.cell.executive.effects.recovery.deciding import ask_operator
 from foldcell.cell.executive.effects.recovery.spreading import lies_elsewhere, not_spread
+from foldcell.cell.states.recovery_table import VERDICTS
 from foldcell.cell.states.run_context import RunContext
 from foldcell.cell.states.stages import FirstLook, Spread
 from foldcell.cell.states.transition_table import Effect, Event
@@ -80,6 +81,14 @@ def test_a_heap_of_the_first_fold_is_spread_after_a_second_look() -> None:
     assert chosen(heaped(), K.HEAPED) is Event.LOOK_AGAIN
     assert chosen(heaped(), K.HEAPED, 2) is Event.SPREAD
     assert chosen(heaped(), K.HALF_FOLDED, 3) is Event.SPREAD, "its edge lies under other cloth"
+
+
+@pytest.mark.parametrize("kind", sorted(VERDICTS))
+def test_a_refused_first_fold_is_spread_if_it_can_neither_be_repaired_nor_built_on(kind: FailureKind) -> None:
+    assert chosen(heaped(), kind, 2) is (Event.GIVE_UP if kind is K.TOO_HIGH else Event.SPREAD)
+    assert chosen(heaped(carried=True, steps=(HALF, HALF)), kind, 2) is (
+        Event.GIVE_UP if kind is K.TOO_HIGH else Event.CARRY_ON
+    )
 
 
 @pytest.mark.parametrize("kind", [K.NOT_FLAT, K.LOW_CONFIDENCE, K.UNKNOWN_GARMENT, K.CATEGORY_MISMATCH])
