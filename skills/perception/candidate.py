@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 
 from foldcell.robots.ports import Array
@@ -32,6 +33,8 @@ LEAST_TURN = 0.35
 template."""
 CLEAR = 0.9
 """If more than this share of an outline is clearly visible, it is the garment's."""
+SOLID = 0.95
+"""An outline has limbs if its area is less than this share of its convex hull's."""
 CATEGORY_MARGIN = 0.03
 """The expected category is accepted unless another category has an overlap that is larger by more than
 this."""
@@ -155,8 +158,12 @@ def fit_quality(segmentation: Segmentation, iou: float, registration: Registrati
 
 def flatness(failure: Failure, segmentation: Segmentation, settings: PerceptionSettings) -> Failure:
     """Return NOT_FLAT in place of a misfit in a photograph, which has no depth: a garment whose outline is clearly
-    visible, but which no flat garment has, is folded, bunched or in a heap. Other failures stay."""
-    misfits = failure.kind is FailureKind.UNKNOWN_GARMENT or "fit" in failure.values
+    visible, but which no flat garment has, is folded, bunched or in a heap. A sleeve without corners at its cuff
+    is bunched. Other failures stay."""
+    outline = segmentation.contour.astype(np.float32)
+    limbs = cv2.contourArea(outline) < SOLID * cv2.contourArea(cv2.convexHull(outline))
+    bunched = limbs and "least_turn" in failure.values and str(failure.values["keypoint"]).startswith("cuff")
+    misfits = failure.kind is FailureKind.UNKNOWN_GARMENT or "fit" in failure.values or bunched
     if settings.size_known or not misfits or segmentation.confidence < CLEAR:
         return failure
     return Failure(

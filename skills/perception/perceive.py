@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from foldcell.robots.ports import Array, frozen
 from foldcell.skills.perception.camera_fault import camera_fault, same_picture
 from foldcell.skills.perception.candidate import (
-    CLEAR,
     choose_garment,
     fit_quality,
     flatness,
@@ -37,11 +36,13 @@ from foldcell.skills.perception.rivals import (
     places_of,
     second_best,
 )
+from foldcell.skills.perception.segmentation.gaps import opened_gaps
 from foldcell.skills.perception.segmentation.mask import Segmentation
-from foldcell.skills.perception.segmentation.photograph import propose_garments
-from foldcell.skills.perception.settings import PerceptionSettings
+from foldcell.skills.perception.segmentation.photograph import propose_cut_off, propose_garments
+from foldcell.skills.perception.segmentation.surroundings import printed_on_ground
+from foldcell.skills.perception.settings import MIN_SEGMENTATION, PerceptionSettings
 from foldcell.skills.perception.silhouette import segmentations
-from foldcell.skills.perception.usable_region import adjoined, unusable
+from foldcell.skills.perception.usable_region import adjoined, touches_border, unusable
 from foldcell.skills.perception.views import Views, open_views
 from foldcell.skills.vocabulary import (
     CameraCalibration,
@@ -68,6 +69,12 @@ AUTO_CATEGORIES, AUTO_MARGIN = 3, 0.12
 best one's."""
 SAME = 0.97
 """Regions that overlap by more than this (intersection over union) are the same."""
+WITHIN, ALIKE, MORE = 0.95, 0.80, 1.2
+"""A region that lies within a larger one by more than the first share is a print on it. Regions that overlap by
+more than the second (intersection over union) show the same thing. One that is larger by the third factor shows
+something else, too."""
+UNLIKE = 0.8
+"""A region that overlaps with no garment by more than this may be a print on the ground."""
 TOO_NEAR = 0.01
 """If the likeness of another category is within this of the best one's, the garment is not recognised."""
 
@@ -159,10 +166,27 @@ def perceive(
         _perceive_region(segmentation, method, views, garments, wanted, settings, stages)
         for method, segmentation in _regions(views, settings, stages)
     )
-    decided = _best(looks)
+    decided = _without_prints(_best(looks, wanted is not None), views)
     if on_region is not None:
         on_region(_sought(decided, views, garments, wanted))
     return decided.outcome
+
+
+def _without_prints(look: _Look, views: Views) -> _Look:
+    """Return the look, or NO_GARMENT in place of the refusal of a print on the ground, which has the outline of no
+    garment."""
+    failure = look.outcome.failure
+    if failure is None or not look.free or float(failure.values.get("best_iou", 1.0)) > UNLIKE:
+        return look
+    if not printed_on_ground(views.seen.rgb, look.segmentation):
+        return look
+    nothing = Failure(
+        FailureKind.NO_GARMENT,
+        "no garment is visible: what stands out has no edge that rises from the ground, like a print",
+        "lay a garment flat in the middle of the picture",
+        failure.values,
+    )
+    return replace(look, outcome=Outcome(failure=nothing, notes=look.outcome.notes))
 
 
 _PROPOSAL = "proposal"
@@ -180,19 +204,25 @@ class _Look:
     places: Mapping[str, Array]
 
     @property
-    def reached(self) -> tuple[int, bool, int]:
+    def reached(self) -> tuple[int, int, int]:
         """How far a refused region came: 0 no garment, 1 something, 2 compared with garments or larger than the
-        picture, 3 its key points are known but uncertain. In a photograph, it counts next whether the outline is
-        clearly visible, and then the area."""
+        picture, 3 its key points are known but uncertain, or something hides it. In a photograph, it counts next
+        how much of the outline is clearly visible, in steps of 5 %, and then the area."""
         failure = self.outcome.failure
         if failure is None or failure.kind is FailureKind.NO_GARMENT:
-            return 0, False, 0
+            return 0, 0, 0
         if not self.free:
-            return 2 if self.places else 1, False, 0
-        stage = 3 if self.places and failure.kind is FailureKind.LOW_CONFIDENCE else 1
-        if stage == 1 and (self.places or failure.kind is FailureKind.OUT_OF_VIEW):
-            stage = 2
-        return stage, self.segmentation.confidence >= CLEAR, int(np.count_nonzero(self.segmentation.mask))
+            return 2 if self.places else 1, 0, 0
+        stage = 2 if self.places or failure.kind is FailureKind.OUT_OF_VIEW else 1
+        if self.fitted or failure.kind is FailureKind.VIEW_OBSTRUCTED:
+            stage = 3
+        return stage, round(20 * self.segmentation.confidence), int(np.count_nonzero(self.segmentation.mask))
+
+    @property
+    def fitted(self) -> bool:
+        """Whether the region has the shape of a garment, even if its key points are uncertain."""
+        failure = self.outcome.failure
+        return failure is None or (bool(self.places) and failure.kind is FailureKind.LOW_CONFIDENCE)
 
 
 def _sought(
@@ -202,7 +232,8 @@ def _sought(
     expected where those of the likeliest garment would lie."""
     view, segmentation, places = views.view, look.segmentation, look.places
     failure = look.outcome.failure
-    if failure is None or not segmentation.found:
+    absent = failure is not None and failure.kind in (FailureKind.NO_GARMENT, FailureKind.VIEW_OBSTRUCTED)
+    if failure is None or absent or not segmentation.found:
         return Sought(view, segmentation, places, None)
     contour = view.to_table(segmentation.contour)
     if not places:
@@ -215,18 +246,33 @@ def _sought(
 def _regions(
     views: Views, settings: PerceptionSettings, stages: _StageTimes
 ) -> Iterator[tuple[str, Segmentation]]:
-    """Yield the regions to try in turn, each with the name of the method that found it. In a photograph, a region
-    that is the same as an earlier one is left out."""
+    """Yield the regions to try in turn, each with the name of the method that found it. In a photograph, what the
+    picture's edge cuts off comes first, a region with gaps between its limbs is tried with open gaps before it is
+    tried as it is, and a region that is the same as an earlier one is left out."""
+    rgb, valid = views.seen.rgb, views.seen.valid
+    proposing = settings.method == "reference" and views.empty is None
+    if proposing and not settings.size_known:
+        yield from ((_PROPOSAL, found) for found in propose_cut_off(rgb, valid))
     tried: list[Segmentation] = []
     for method, found in segmentations(views, settings.method):
         stages.done("segment")
         if settings.size_known or not any(_same(found, other) for other in tried):
             tried.append(found)
-            yield method, found
-    if settings.method == "reference" and views.empty is None:
-        proposals = propose_garments(views.seen.rgb, views.seen.valid)
+            yield from ((method, each) for each in _with_gaps(found, views, settings))
+    if proposing:
+        proposals = propose_garments(rgb, valid)
         stages.done("segment")
-        yield from ((_PROPOSAL, found) for found in proposals if not any(_same(found, o) for o in tried))
+        for found in (p for p in proposals if not any(_same(p, other) for other in tried)):
+            yield from ((_PROPOSAL, each) for each in _with_gaps(found, views, settings))
+
+
+def _with_gaps(found: Segmentation, views: Views, settings: PerceptionSettings) -> Iterator[Segmentation]:
+    whole = found.found and not touches_border(found.mask, views.seen.valid, 3)
+    if not settings.size_known and whole and found.confidence >= MIN_SEGMENTATION:
+        gapped = opened_gaps(found, views.seen.rgb, views.seen.valid)
+        if gapped is not None:
+            yield gapped
+    yield found
 
 
 def _same(found: Segmentation, other: Segmentation) -> bool:
@@ -236,14 +282,14 @@ def _same(found: Segmentation, other: Segmentation) -> bool:
     return bool(same and found.confidence < other.confidence + 0.05)
 
 
-def _best(looks: Iterator[_Look]) -> _Look:
-    """Return the first accepted region of a method, or the accepted proposal that fits best. If none is accepted,
-    return the refusal of the region that came furthest, and of several in a photograph the one whose outline is
-    clearest."""
+def _best(looks: Iterator[_Look], named: bool) -> _Look:
+    """Return the first accepted region of a method, or the accepted proposal that fits best, unless it is doubtful
+    (named: see `_doubtful`). If none is accepted, return the refusal of the region that came furthest, and of
+    several in a photograph the one whose outline is clearest."""
     accepted: list[_Look] = []
     refused: list[_Look] = []
     for look in looks:
-        if not look.outcome.ok:
+        if not look.outcome.ok or any(_doubtful(look, other, named) for other in [*accepted, *refused]):
             refused.append(look)
         elif not look.free or look.outcome.unwrap().fit >= SURE_FIT:
             return look
@@ -251,7 +297,35 @@ def _best(looks: Iterator[_Look]) -> _Look:
             accepted.append(look)
     if accepted:
         return max(accepted, key=lambda look: look.outcome.unwrap().fit)
-    return max(refused, key=lambda look: look.reached)
+    best = max(refused, key=lambda look: look.reached)
+    return next((look for look in refused if _two(best, look)), best)
+
+
+def _two(look: _Look, other: _Look) -> bool:
+    """Whether an uncertain region of a photograph lies within a larger one that no flat garment has: one garment
+    lies on another."""
+    failure = other.outcome.failure
+    if not look.free or not look.fitted or failure is None or failure.kind is not FailureKind.NOT_FLAT:
+        return False
+    mask, larger = look.segmentation.mask, other.segmentation.mask
+    area = np.count_nonzero(mask)
+    return bool(np.count_nonzero(mask & larger) > WITHIN * area and MORE * area < np.count_nonzero(larger))
+
+
+def _doubtful(look: _Look, other: _Look, named: bool) -> bool:
+    """Whether an accepted region of a photograph is a print on another one that has the shape of a garment, or
+    shows about the same as one that resembles another kind. named: whether the garment is named. If not, a
+    rectangle on a thing that the picture's edge cuts off is a print, too."""
+    if not look.free:
+        return False
+    mask, cloth = look.segmentation.mask, other.segmentation.mask
+    both, area = np.count_nonzero(mask & cloth), np.count_nonzero(mask)
+    part = bool(both > WITHIN * area and 2 * area < np.count_nonzero(cloth))
+    failure = other.outcome.failure
+    if failure is not None and failure.kind is FailureKind.OUT_OF_VIEW:
+        return part and not named and len(look.places) == 4
+    same = bool(both > ALIKE * np.count_nonzero(mask | cloth))
+    return other.fitted and (part or (same and look.places.keys() != other.places.keys()))
 
 
 def _perceive_region(
@@ -273,7 +347,9 @@ def _perceive_region(
     view, height = views.view, views.height
     stages.notes["segmentation_method"] = method
     stages.notes["segmentation_confidence"] = segmentation.confidence
-    if (failure := unusable(segmentation, view, height, settings, views.empty is not None)) is not None:
+    referenced, proposed = views.empty is not None, method == _PROPOSAL
+    failure = unusable(segmentation, views.seen, view, height, settings, referenced, proposed)
+    if failure is not None:
         return look(failure)
     if free and (failure := adjoined(segmentation, views.seen, view)) is not None:
         return look(failure)

@@ -8,35 +8,49 @@ from numpy.typing import NDArray
 
 from foldcell.skills.perception.rectification.heights import smooth_height, upper
 from foldcell.skills.perception.rectification.table_view import RectifiedView, TableView
-from foldcell.skills.perception.segmentation.mask import Segmentation
+from foldcell.skills.perception.segmentation.mask import Segmentation, eroded
 from foldcell.skills.perception.segmentation.obstruction import obstruction_failure
+from foldcell.skills.perception.segmentation.photograph import skin
 from foldcell.skills.perception.segmentation.surroundings import MOST_FOREIGN, foreign_stretch
 from foldcell.skills.perception.settings import LITTER_SHARE, MIN_SEGMENTATION, VIEW_BORDER, PerceptionSettings
 from foldcell.skills.vocabulary import Failure, FailureKind
 
-__all__ = ["adjoined", "intrusion", "touches_border", "unusable"]
+__all__ = ["adjoined", "intrusion", "nothing_whole", "touches_border", "unusable"]
 
 INTRUDER_SHARE = 0.02
 """Maximum area of objects that reach into the picture from its edge, relative to the area of the garment."""
 RIVAL_SHARE = 0.5
 """Maximum area of other objects in a photograph of an unknown place, where other things lie, too."""
 
+LEAST_SHARE, LEAST_CUT = 0.03, 0.10
+"""Least area of a garment in a photograph, and of one that the edge of the picture cuts off, relative to the
+picture. Smaller things at the edge are other things."""
+MOST_EDGE = 0.35
+"""More than this share of the outline of a part of the ground runs along the edge of the picture."""
+SLENDER = 15.0
+"""Least ratio of an arm's area to the square of the radius of the largest circle in it; garments have 3 to 11."""
+
 
 def unusable(
     segmentation: Segmentation,
+    seen: RectifiedView,
     view: TableView,
     height: NDArray[np.float32],
     settings: PerceptionSettings,
     referenced: bool,
+    proposed: bool,
 ) -> Failure | None:
     """Return the reason why a region cannot be the garment, else None. height: (H, W) above the table [m].
-    referenced: whether there is a picture of the empty table."""
+    referenced: whether there is a picture of the empty table. proposed: whether the region looks like a garment by
+    its outline (`segmentation.photograph`)."""
     if not segmentation.found:
         return Failure(
             FailureKind.NO_GARMENT, "no garment is visible on the table", "lay one flat in the camera's view"
         )
     margin = max(round(VIEW_BORDER / view.pixel), 1)
     if settings.size_known and (failure := intrusion(segmentation, view, margin)) is not None:
+        return failure
+    if not settings.size_known and (failure := nothing_whole(segmentation, seen, margin, proposed)) is not None:
         return failure
     if segmentation.others_share > (LITTER_SHARE if settings.size_known else RIVAL_SHARE):
         return Failure(
@@ -70,6 +84,54 @@ def unusable(
             {"height_m": top},
         )
     return None
+
+
+def nothing_whole(segmentation: Segmentation, seen: RectifiedView, margin: int, proposed: bool) -> Failure | None:
+    """Return NO_GARMENT if a region of a photograph is a thing at its edge or a part of the ground,
+    VIEW_OBSTRUCTED if it is a hand or an arm that reaches in, OUT_OF_VIEW if the edge cuts off a garment, else
+    None. margin: the region reaches the edge if it comes this near [px]. proposed: see `unusable`."""
+    share = float(np.count_nonzero(segmentation.mask) / np.count_nonzero(seen.valid))
+    columns, rows = np.clip(np.round(segmentation.contour), 0, np.array(seen.valid.shape[::-1]) - 1).astype(int).T
+    at_edge = ~eroded(seen.valid, margin)[rows, columns]
+    cut = float(at_edge.mean())
+    values = {"area_share": share, "edge_share": cut}
+    if not at_edge.any() and share >= LEAST_SHARE and segmentation.confidence >= MIN_SEGMENTATION:
+        return None
+    if proposed and at_edge.any() and segmentation.confidence >= MIN_SEGMENTATION and cut <= MOST_EDGE:
+        middle = np.array([columns[at_edge].mean(), rows[at_edge].mean()]) / seen.valid.shape[::-1]
+        sides = {"left": middle[0], "right": 1 - middle[0], "upper": middle[1], "lower": 1 - middle[1]}
+        side = min(sides, key=lambda name: sides[name])
+        if _is_arm(segmentation.mask, seen):
+            return Failure(
+                FailureKind.VIEW_OBSTRUCTED,
+                f"a hand or an arm reaches into the picture from its {side} edge",
+                "keep it out, and take the picture again",
+                values,
+            )
+        if share >= LEAST_CUT:
+            return Failure(
+                FailureKind.OUT_OF_VIEW,
+                f"the {side} edge of the picture cuts the garment off",
+                "take the picture from further away, or move the garment to its middle",
+                values,
+            )
+    return Failure(
+        FailureKind.NO_GARMENT,
+        "no garment is visible: nothing that lies wholly in the picture stands out from the ground",
+        "lay a garment flat in the middle of the picture, on a ground of another colour",
+        values,
+    )
+
+
+def _is_arm(mask: NDArray[np.bool_], seen: RectifiedView) -> bool:
+    """Whether a region is slender and has the colour of skin, unlike the ground beside it."""
+    around = cv2.dilate(mask.astype(np.uint8), np.ones((25, 25), np.uint8)) > 0
+    coloured = skin(seen.rgb)
+    padded = np.pad(mask.astype(np.uint8), 1, mode="edge")
+    radius = float(cv2.distanceTransform(padded, cv2.DIST_L2, 5).max())
+    beside = coloured[around & ~mask & seen.valid]
+    like_skin = coloured[mask].mean() > 0.6 and (not len(beside) or beside.mean() < 0.4)
+    return bool(like_skin and np.count_nonzero(mask) > SLENDER * radius**2)
 
 
 def adjoined(segmentation: Segmentation, seen: RectifiedView, view: TableView) -> Failure | None:

@@ -13,7 +13,7 @@ from foldcell.skills.perception.registration.boundary import refine_boundary
 
 __all__ = [
     "SMALLEST_AREA", "Field", "Image", "Mask", "Segmentation", "closed", "empty_segmentation", "eroded", "fill",
-    "filled", "graph_cut", "opened", "outlined", "reduced",
+    "filled", "graph_cut", "largest", "opened", "outlined", "reduced",
 ]  # fmt: skip
 
 Image = NDArray[np.uint8]
@@ -114,6 +114,12 @@ def fill(contour: Array, valid: Mask) -> Mask:
     cv2.fillPoly(fine, [np.round((contour + 0.5) * 4 * 16 - 8).astype(np.int32)], 255, shift=4)
     image = cv2.resize(fine, (valid.shape[1], valid.shape[0]), interpolation=cv2.INTER_AREA)
     return (image > 127) & valid
+
+
+def largest(mask: Mask) -> Mask:
+    """Return the largest connected region of a mask (H, W), or the mask itself if it is empty."""
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
+    return mask if count < 2 else np.asarray(labels == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA])))
 
 
 def opened(mask: Mask, size: int) -> Mask:

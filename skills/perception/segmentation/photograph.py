@@ -28,12 +28,13 @@ from foldcell.skills.perception.segmentation.mask import (
     fill,
     filled,
     graph_cut,
+    largest,
     opened,
     reduced,
 )
 from foldcell.skills.perception.segmentation.surroundings import MOST_FOREIGN, foreign_stretch
 
-__all__ = ["propose_garments", "table_distance"]
+__all__ = ["propose_cut_off", "propose_garments", "skin", "table_distance"]
 
 _SIZE = 320
 """Longer edge of the reduced picture in which regions are sought [px]."""
@@ -53,10 +54,14 @@ _REACH = 2.5
 """Distance from the outline at which the colours on both sides are compared [px]."""
 _CLEAR_STEP = 30.0
 """A clear step of colour (Lab); larger steps count as this one [grey levels]."""
+_VISIBLE = 0.25
+"""A step of colour that is visible, relative to a clear one."""
+_LEAST_SCORE = 0.4
+"""Least score of a garment that the border cuts off."""
 _LEAST_CLEAR = 0.5
 """If less than this share of a region's outline is clearly visible, the region is a patch of the floor."""
-_COUNT = 6
-"""Number of proposals."""
+_COUNT, _CUT_OFF = 6, 2
+"""Number of proposals, and of things that the border cuts off."""
 _RIVAL = 0.7
 """A separate region with more than this share of a proposal's score is another thing on the floor."""
 
@@ -77,19 +82,61 @@ def propose_garments(rgb: Image, valid: Mask) -> tuple[Segmentation, ...]:
     proposal.
     """
     small, inside = reduced(rgb, valid, _SIZE)
-    lab = cv2.cvtColor(cv2.GaussianBlur(small, (0, 0), 0.8), cv2.COLOR_RGB2LAB).astype(np.float32)
-    least = max(_SMALLEST * np.count_nonzero(inside), SMALLEST_AREA * min(_SIZE / max(valid.shape), 1.0) ** 2)
+    lab, least = _smooth_lab(small), _least(inside, valid)
     regions: list[_Region] = []
     for mask in _masks(small, lab, inside):
-        for region in _regions(mask, inside, least):
-            _add(regions, region, lab)
+        for region, reaching in _regions(mask, inside, least):
+            if not reaching:
+                _add(regions, region, lab)
     for found in list(regions):
-        for region in _regions(_cut(small, found.mask, inside), inside, least):
-            _add(regions, region, lab)
+        for region, reaching in _regions(_cut(small, found.mask, inside), inside, least):
+            if not reaching:
+                _add(regions, region, lab)
     regions.sort(key=lambda r: -r.score)
     proposals = [_refined(region, regions, rgb, valid) for region in regions[:_COUNT]]
     clear = [p for p in proposals if p.confidence > _LEAST_CLEAR and np.count_nonzero(p.mask) >= SMALLEST_AREA]
     return tuple(p for p in clear if foreign_stretch(rgb, valid, p)[0] <= MOST_FOREIGN)
+
+
+def propose_cut_off(rgb: Image, valid: Mask) -> tuple[Segmentation, ...]:
+    """Propose things in rgb (H, W, 3) that the border of the picture cuts off: up to two garments that are partly
+    out of view, and what has the colour of skin, which may be an arm. A proposal's confidence is the share of its
+    outline within the picture that is visible."""
+    small, inside = reduced(rgb, valid, _SIZE)
+    lab, border, least = _smooth_lab(small), _border(inside), _least(inside, valid)
+    regions: list[_Region] = []
+    for mask in _masks(small, lab, inside):
+        for region, reaching in _regions(mask, inside, least):
+            if reaching:
+                _add(regions, region, lab, ~border)
+    likely = sorted((r for r in regions if r.score > _LEAST_SCORE), key=lambda r: -r.score)[:_CUT_OFF]
+    limbs = skin(small) & inside & (table_distance(lab, inside) > _LEVELS[2])
+    masks = [r.mask for r in likely] + [r for r, cut in _regions(limbs, inside, least) if cut]
+    found = []
+    for region in masks:
+        mask = cv2.resize(region.astype(np.float32), valid.shape[::-1], interpolation=cv2.INTER_LINEAR) > 0.5
+        clear = float(np.mean(_steps(region, lab, ~border)[0] > _VISIBLE))
+        found.append(Segmentation(mask, longest_contour(mask), clear, np.zeros(valid.shape, bool)))
+    return tuple(found)
+
+
+def skin(rgb: Image) -> Mask:
+    """Return where a picture (h, w, 3) has a colour of skin of any shade (Chai and Ngan, IEEE TCSVT 1999)."""
+    y, cr, cb = cv2.split(cv2.cvtColor(cv2.GaussianBlur(rgb, (0, 0), 1.5), cv2.COLOR_RGB2YCrCb))
+    return np.asarray((cr >= 133) & (cr <= 178) & (cb >= 77) & (cb <= 127) & (y > 30))
+
+
+def _smooth_lab(rgb: Image) -> Field:
+    return cv2.cvtColor(cv2.GaussianBlur(rgb, (0, 0), 0.8), cv2.COLOR_RGB2LAB).astype(np.float32)
+
+
+def _least(inside: Mask, valid: Mask) -> float:
+    """Return the least area of a garment in the reduced picture [px^2]."""
+    return max(_SMALLEST * np.count_nonzero(inside), SMALLEST_AREA * min(_SIZE / max(valid.shape), 1.0) ** 2)
+
+
+def _border(inside: Mask) -> Mask:
+    return inside & ~eroded(inside, _BORDER)
 
 
 def table_distance(lab: Field, inside: Mask) -> Field:
@@ -144,9 +191,10 @@ def _otsu(channel: Image, inside: Mask) -> float:
     return float(level)
 
 
-def _regions(mask: Mask, inside: Mask, least: float) -> Iterator[Mask]:
-    """Yield the mask's connected regions, filled, that have the size of a garment and do not reach the border."""
-    border = inside & ~eroded(inside, _BORDER)
+def _regions(mask: Mask, inside: Mask, least: float) -> Iterator[tuple[Mask, bool]]:
+    """Yield the mask's connected regions, filled, that have the size of a garment, each with whether it reaches
+    the border."""
+    border = _border(inside)
     most = _LARGEST * np.count_nonzero(inside)
     for size in (3, 7):
         cleaned = opened(closed(mask, size), 5)
@@ -155,13 +203,13 @@ def _regions(mask: Mask, inside: Mask, least: float) -> Iterator[Mask]:
             if stats[i, cv2.CC_STAT_AREA] < least:
                 continue
             region = filled(labels == i)
-            if np.count_nonzero(region) <= most and not (region & border).any():
-                yield region
+            if np.count_nonzero(region) <= most:
+                yield region, bool((region & border).any())
 
 
-def _add(regions: list[_Region], mask: Mask, lab: Field) -> None:
-    """Add a region, or let it replace the same region with a lower score."""
-    score = _score(mask, lab)
+def _add(regions: list[_Region], mask: Mask, lab: Field, counted: Mask | None = None) -> None:
+    """Add a region, or let it replace the same region with a lower score. counted: see `_score`."""
+    score = _score(mask, lab, counted)
     for i, other in enumerate(regions):
         if np.count_nonzero(mask & other.mask) > _SAME * np.count_nonzero(mask | other.mask):
             if score > other.score:
@@ -170,17 +218,26 @@ def _add(regions: list[_Region], mask: Mask, lab: Field) -> None:
     regions.append(_Region(mask, score))
 
 
-def _score(mask: Mask, lab: Field) -> float:
+def _score(mask: Mask, lab: Field, counted: Mask | None) -> float:
     """Compute how much a region looks like a garment (0..1). The score is the mean step of colour across the
-    outline, relative to a clear step. Larger steps count as clear ones. A factor reduces the score of a ragged
-    outline."""
+    outline, relative to a clear step. A factor reduces the score of a ragged outline. counted: see `_steps`."""
+    steps, ragged = _steps(mask, lab, counted)
+    return float(steps.mean()) * float(np.exp(-ragged))
+
+
+def _steps(mask: Mask, lab: Field, counted: Mask | None) -> tuple[Array, float]:
+    """Return the steps of colour (n,) across a region's outline, relative to a clear step and at most 1, and how
+    ragged the outline is [px]. counted: (h, w), where the outline counts; None: everywhere."""
     trace = longest_contour(mask)
     line = smooth_closed(trace, 1.5)
     normals = outward_normals(line)
     outside, inside = sample(lab, np.stack([line + _REACH * normals, line - _REACH * normals]))
-    clear = np.minimum(np.linalg.norm(outside - inside, axis=1), _CLEAR_STEP) / _CLEAR_STEP
-    ragged = float(np.mean(np.linalg.norm(line - smooth_closed(trace, 8.0), axis=1)))
-    return float(clear.mean()) * float(np.exp(-ragged))
+    steps = np.minimum(np.linalg.norm(outside - inside, axis=1), _CLEAR_STEP) / _CLEAR_STEP
+    ragged = np.linalg.norm(line - smooth_closed(trace, 8.0), axis=1)
+    if counted is not None:
+        columns, rows = trace.astype(int).T
+        steps, ragged = steps[counted[rows, columns]], ragged[counted[rows, columns]]
+    return (steps, float(ragged.mean())) if len(steps) else (np.zeros(1), 0.0)
 
 
 def _cut(rgb: Image, region: Mask, inside: Mask) -> Mask:
@@ -200,10 +257,10 @@ def _refined(region: _Region, regions: list[_Region], rgb: Image, valid: Mask) -
     def enlarged(mask: Mask) -> Mask:
         return cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_LINEAR) > 0.5
 
-    mask = _largest(enlarged(region.mask) & valid)
+    mask = largest(enlarged(region.mask) & valid)
     contour, clear = refine_boundary(mask, rgb, None)
     for _ in range(2):  # each search reaches six pixels
-        finer = _largest(fill(contour, valid))
+        finer = largest(fill(contour, valid))
         if np.count_nonzero(finer) < 0.5 * np.count_nonzero(mask):
             break
         mask = finer
@@ -213,8 +270,3 @@ def _refined(region: _Region, regions: list[_Region], rgb: Image, valid: Mask) -
         if rival.score > _RIVAL * region.score and not (rival.mask & region.mask).any():
             others |= rival.mask
     return Segmentation(fill(contour, valid), contour, clear, enlarged(others))
-
-
-def _largest(mask: Mask) -> Mask:
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
-    return mask if count < 2 else np.asarray(labels == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA])))

@@ -15,7 +15,7 @@ from foldcell.skills.perception.outline import outward_normals, smooth_closed
 from foldcell.skills.perception.registration.boundary import sample
 from foldcell.skills.perception.segmentation.mask import Image, Mask, Segmentation, eroded
 
-__all__ = ["MOST_FOREIGN", "foreign_stretch"]
+__all__ = ["MOST_FOREIGN", "foreign_stretch", "printed_on_ground"]
 
 MOST_FOREIGN = 0.10
 """A region whose outline is longer than this share without the ground beside it is a part of something."""
@@ -35,6 +35,22 @@ _ALIKE = 4
 """Number of the rim's colours that a colour of the ground resembles."""
 _GAP = 2
 """So many places that look like ground do not interrupt a stretch."""
+
+_BESIDE = np.array([3.0, 4.0, 5.0])
+"""Distances from the outline at which both sides are compared in lightness [px]."""
+_EVEN = 0.042
+"""Largest spread of the step of lightness along the outline of a print [log]."""
+
+
+def printed_on_ground(rgb: Image, segmentation: Segmentation) -> bool:
+    """Whether a region's outline is only a change of colour, of a print on the ground: the step of lightness is
+    the same all along. An edge of cloth is lit on one side and shaded on the other. rgb: (H, W, 3)."""
+    light = np.log(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY).astype(np.float32) + 8.0)
+    line = smooth_closed(segmentation.contour, 2.0)
+    away = _BESIDE[:, None] * outward_normals(line)[:, None]
+    step = (sample(light, line[:, None] - away) - sample(light, line[:, None] + away)).mean(axis=1)
+    step = smooth_closed(step[:, None], 3.0)[:, 0]
+    return bool(1.48 * np.median(np.abs(step - np.median(step))) < _EVEN)
 
 
 def foreign_stretch(rgb: Image, valid: Mask, segmentation: Segmentation) -> tuple[float, Array]:

@@ -1,0 +1,61 @@
+"""The true reason why a photograph is refused."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+import foldcell
+from foldcell.robots.errors import FailureKind
+
+ROWS, COLUMNS = 450, 600
+BLUE, CREAM, SKIN, YELLOW = (50, 70, 130), (225, 215, 190), (200, 140, 110), (220, 190, 40)
+SHIRT = np.array([[-10, 90], [330, 90], [430, 60], [470, 140], [400, 180], [400, 290], [470, 320], [430, 390],
+                  [330, 360], [-10, 360]])  # fmt: skip
+BOOK = np.array([[500, -10], [610, -10], [610, 90], [490, 80]])
+PRINT = np.array([[150, 150], [290, 150], [290, 290], [150, 290]])
+ARM = np.array([[280, 450], [290, 200], [265, 130], [285, 125], [300, 180], [310, 90], [330, 90], [335, 200],
+                [350, 450]])  # fmt: skip
+TURN = np.linspace(0, 2 * np.pi, 120, endpoint=False)
+FLOWER = (300, 225) + (100 + 55 * np.cos(6 * TURN))[:, None] * np.column_stack([np.cos(TURN), np.sin(TURN)])
+
+
+def photograph(*things: tuple[np.ndarray, tuple[int, int, int]], relief: float = 0.0) -> np.ndarray:
+    """A picture of things on a grey ground. relief: lightness of the edge on the side of the lamp, and of the
+    shadow on the other."""
+    rng = np.random.default_rng(2)
+    shade = cv2.GaussianBlur(rng.normal(0, 1, (ROWS, COLUMNS)), (0, 0), 40)
+    rgb = np.full((ROWS, COLUMNS, 3), 120.0) * (1 + 0.5 * shade)[..., None]
+    for polygon, colour in things:
+        cover = cv2.fillPoly(np.zeros((ROWS, COLUMNS), np.float32), [np.round(polygon).astype(np.int32)], 1.0)
+        cover = cv2.GaussianBlur(cover, (0, 0), 0.8)
+        rgb += cover[..., None] * (np.array(colour) - rgb)
+        height = cv2.GaussianBlur(cover, (0, 0), 4.0)
+        rgb *= np.exp(relief * (height - np.roll(height, 4, axis=1)))[..., None]
+    return np.clip(rgb + rng.normal(0, 2, rgb.shape), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("things", "kind", "words"),
+    [
+        ((), FailureKind.NO_GARMENT, "no garment is visible"),
+        ((((BOOK, CREAM)),), FailureKind.NO_GARMENT, "nothing that lies wholly in the picture"),
+        ((((SHIRT, BLUE)),), FailureKind.OUT_OF_VIEW, "the left edge of the picture cuts the garment off"),
+        (((SHIRT, BLUE), (PRINT, YELLOW)), FailureKind.OUT_OF_VIEW, "left edge"),
+        ((((ARM, SKIN)),), FailureKind.VIEW_OBSTRUCTED, "an arm reaches into the picture from its lower edge"),
+        ((((FLOWER, CREAM)),), FailureKind.NO_GARMENT, "like a print"),
+    ],
+    ids=["nothing", "a book at the edge", "cut off", "a print on what is cut off", "arm", "print on the ground"],
+)
+def test_a_photograph_without_a_whole_garment_is_refused_for_its_true_reason(
+    things: tuple[tuple[np.ndarray, tuple[int, int, int]], ...], kind: FailureKind, words: str
+) -> None:
+    failure = foldcell.perceive(photograph(*things), unit="px").failure
+    assert failure is not None and failure.kind is kind
+    assert words in failure.what
+
+
+def test_cloth_whose_edges_rise_is_no_print_on_the_ground() -> None:
+    failure = foldcell.perceive(photograph((FLOWER, CREAM), relief=1.5), unit="px").failure
+    assert failure is not None and failure.kind is FailureKind.NOT_FLAT
