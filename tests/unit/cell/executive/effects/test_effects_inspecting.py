@@ -193,16 +193,22 @@ def test_the_claim_takes_the_thickness_of_a_layer_from_the_hands(monkeypatch: py
     assert stated < thick < thickest == implausible
 
 
-@pytest.mark.parametrize(("earlier", "known"), [({}, True), ({"iou_aligned": 0.8}, False)])
+@pytest.mark.parametrize(
+    ("earlier", "repaired", "known"),
+    [({}, None, True), ({}, 1, True), ({}, 0, False), ({"iou_aligned": 0.8}, None, False)],
+)
 def test_the_first_crease_shows_the_fabric_although_cloth_is_heaped_up(
-    earlier: dict[str, float], known: bool, monkeypatch: pytest.MonkeyPatch
+    earlier: dict[str, float], repaired: int | None, known: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A fold of the wrong shape shows nothing: its crease may lie elsewhere."""
+    """A fold of the wrong shape shows nothing: its crease may lie elsewhere. Nor does a fold that was made anew:
+    its cloth stands higher than its fabric explains. repaired: index of the fold that was repaired."""
     claims = []
     for crease in (0.010, 0.026):
         look(monkeypatch, seen(target=as_seen(0.011)))
         heap = seen(K.PILING, piled_area_m2=0.0014, target=as_seen(0.011, crease), **earlier)
-        claims.append(inspect_fold(fake_workcell(FakeCell()), last_fold(heap)).context.claim())
+        repairs = () if repaired is None else ((repaired, "undone"),)
+        context = replace(last_fold(heap), repairs=repairs)
+        claims.append(inspect_fold(fake_workcell(FakeCell()), context).context.claim())
     soft, stiff = claims
     assert soft is not None and stiff is not None
     assert (stiff.bending_length_m > soft.bending_length_m) is known
