@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
+from types import MethodType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from foldcell.cell.states.transition_table import Effect, Event
 from foldcell.robots.errors import Failure, FailureKind
 from foldcell.skills.cloth.mesh import ClothMesh
 from foldcell.skills.fold_plan.repair import RepairGoal
+from foldcell.skills.garments.garment import Garment
 from foldcell.skills.perception.inspection.height_expectation import CameraBias
 from foldcell.skills.perception.inspection.result import Inspection
 from foldcell.skills.perception.inspection.target_view import StackHeights, TargetView
@@ -140,6 +141,7 @@ def last_fold(earlier: Inspection | None = None, **changes: Any) -> RunContext:
         layers=1,
         fabric=SimpleNamespace(thickness=(0.001, 0.003)),
     )
+    garment.thickness_of = MethodType(Garment.thickness_of, garment)
     first_look = FirstLook(SQUARE, CameraBias(BIAS, 0.0001, True))
     return made(index=1, done=(before,), garment=garment, flat=flat, first_look=first_look, **changes)
 
@@ -207,7 +209,7 @@ def test_the_first_crease_shows_the_fabric_although_cloth_is_heaped_up(
         look(monkeypatch, seen(target=as_seen(0.011)))
         heap = seen(K.PILING, piled_area_m2=0.0014, target=as_seen(0.011, crease), **earlier)
         repairs = () if repaired is None else ((repaired, "undone"),)
-        context = replace(last_fold(heap), repairs=repairs)
+        context = context_with(last_fold(heap), repairs=repairs)
         claims.append(inspect_fold(fake_workcell(FakeCell()), context).context.claim())
     soft, stiff = claims
     assert soft is not None and stiff is not None
