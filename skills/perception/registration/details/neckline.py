@@ -31,8 +31,9 @@ _NOISE = 1.5
 _EVIDENCE, _COMPLETE, _AGREES = 45.0, 0.85, 0.3
 """Least evidence for a neckline: the number of places times the square of their median difference, relative to its
 spread. Least share of places that agree, with at least the third share of the median difference."""
-_BESIDE_AXIS = 0.06
-"""Standard deviation of the arc's middle from the body's axis. The evidence for an arc is less beside it."""
+_BESIDE_AXIS, _USUAL = 0.06, (0.15, 0.04)
+"""Standard deviation of the arc's middle from the body's axis; mean and standard deviation of its half width. The
+evidence for another arc is less."""
 _RIVAL, _ELSEWHERE = 0.6, 0.04
 """Another arc, at least the second away, must have less than this share of the evidence."""
 
@@ -71,7 +72,8 @@ def locate_neckline(
     spread = 1.4826 * np.median(np.abs(along - size[:, None]), axis=1) + _NOISE
     cloth = picture.cloth(places(_CLOTH)) > 0.99
     agree = np.mean((along > _AGREES * size[:, None]) & cloth, axis=1)
-    usual = np.exp(-0.5 * ((arcs[:, 0] - middle) / _BESIDE_AXIS) ** 2)
+    unusual = ((arcs[:, 0] - middle) / _BESIDE_AXIS) ** 2 + ((arcs[:, 1] - _USUAL[0]) / _USUAL[1]) ** 2
+    usual = np.exp(-0.5 * unusual)
     evidence = np.where(agree > _COMPLETE, usual * _SAMPLES * (size / spread) ** 2, 0.0)
     best = int(np.argmax(evidence))
     away = np.abs(arcs[:, :2] - arcs[best, :2]).sum(axis=1) > _ELSEWHERE

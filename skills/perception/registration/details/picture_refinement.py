@@ -19,7 +19,7 @@ from foldcell.skills.perception.outline import GarmentOutline, interior_angles, 
 from foldcell.skills.perception.registration.corners import HOLLOW_ANGLE, NOTCH_ANGLE
 from foldcell.skills.perception.registration.details.cloth_picture import ClothPicture
 from foldcell.skills.perception.registration.details.gap_end import HOLLOW, NARROW, locate_gap_end
-from foldcell.skills.perception.registration.details.sleeve_seam import locate_seam
+from foldcell.skills.perception.registration.details.sleeve_seam import locate_seams
 from foldcell.skills.perception.registration.details.upper_edge import locate_upper_edge
 from foldcell.skills.perception.registration.energy import Boundary
 from foldcell.skills.perception.registration.register import Registration
@@ -36,15 +36,9 @@ _LEG_GROWTH = 0.12
 """Least expected growth of the width of a gap, per length, because legs can touch in a template."""
 _UNSEEN_SIGMA = 0.020
 """Standard deviation of the place of a gap's end that the picture does not show [m]."""
-_UNKNOWN_SIGMA = 0.080
-"""The same if the template does not show where the gap ends [m, for a garment of its nominal size]."""
-_SEAM_SIGMA = 0.0016
-"""Standard deviation of the end of a seam [m]."""
-_AGREE, _DOUBT = 2.0, 0.3
-"""Maximum distance of a seam's end from the place where the upper edge puts it, in its standard deviations. The
-share of this distance that adds to the seam's own standard deviation, because other lines look like seams."""
-_MIRRORED = 0.6
-"""Standard deviation of a shoulder found by the seam of the other side, relative to that by the upper edge."""
+_CROTCH_SIGMA, _ARMPIT_SIGMA = 0.080, 0.020
+"""The same if the template does not show where the gap ends [m, for a garment of its nominal size]: of a crotch,
+and of an armpit, which is the end of a wider gap."""
 
 
 def refine_by_picture(
@@ -60,42 +54,26 @@ def refine_by_picture(
     together in the template. contour: (n, 2) observed boundary [m]. shape_known: whether the template shows where
     shoulders and collar are; otherwise the outline's upper edge does.
     """
-    # The search for a seam begins at the armpit where the outline puts it, because this place is near the end of
-    # the seam.
+    # The search for a seam ends at the armpit where the outline puts it, because this place is near the end of the
+    # seam.
     outlined, boundary, sides = registration.keypoints, Boundary(contour), _sides(garment)
     registration = _set_notches(registration, garment, picture, shape_known)
-    located: _Places = {}
-    if len(sides) == 2 and not shape_known:
+    if len(sides) != 2:
+        return registration
+    if not shape_known:
         located = locate_upper_edge(registration.keypoints, boundary.points, (sides[0], sides[1]), picture)
         registration = _all_moved(registration, located)
-    seams: _Places = {}
-    for side in sides:
-        shoulder = registration.keypoints[f"shoulder_{side}"]
-        place = locate_seam(picture, boundary, shoulder, outlined[f"armpit_{side}"])
-        if place is not None:
-            seams = {**seams, f"shoulder_{side}": (place, _SEAM_SIGMA)}
-    return _all_moved(registration, _agreeing(seams, located, boundary) if located else seams)
-
-
-def _agreeing(seams: _Places, located: _Places, boundary: Boundary) -> _Places:
-    """Return the ends of seams that agree with the shoulders found by the upper edge. If only one does, the other
-    shoulder lies as far from where the edge puts it, because halves are alike."""
-    step = boundary.length / len(boundary.points)
-    half = len(boundary.points) // 2
-    names = [name for name in located if name.startswith("shoulder_")]
-    usual = {name: int(boundary.nearest(located[name][0][None])[1][0]) for name in names}
-    ends = {name: int(boundary.nearest(place[None])[1][0]) for name, (place, _) in seams.items()}
-    moved = {name: (end - usual[name] + half) % (2 * half) - half for name, end in ends.items()}
-    found = {}
-    for name, (place, sigma) in seams.items():
-        if abs(moved[name]) * step <= _AGREE * located[name][1]:
-            found[name] = place, float(np.hypot(sigma, _DOUBT * moved[name] * step))
-    if len(found) == 1:
-        (name,) = found
-        other = names[1 - names.index(name)]
-        place = boundary.points[(usual[other] - moved[name]) % len(boundary.points)]
-        found[other] = place, _MIRRORED * located[other][1]
-    return found
+    names = [f"shoulder_{side}" for side in sides]
+    shoulders = [(registration.keypoints[name], registration.sigmas[name]) for name in names]
+    armpits, hem = (np.array([outlined[f"{n}_{side}"] for side in sides]) for n in ("armpit", "hem"))
+    up = (armpits - hem).mean(axis=0)
+    seams = locate_seams(picture, boundary, shoulders, armpits, up / np.linalg.norm(up))
+    registration = _all_moved(registration, dict(zip(names, seams, strict=True)))
+    if shape_known:
+        return registration
+    # The places of the seams tell the ends of the collar, too.
+    located = locate_upper_edge(registration.keypoints, boundary.points, (sides[0], sides[1]), picture, seams)
+    return _all_moved(registration, {name: place for name, place in located.items() if name not in names})
 
 
 def _all_moved(registration: Registration, places: _Places) -> Registration:
@@ -135,7 +113,8 @@ def _set_notches(
         elif (
             name in narrow or min(np.linalg.norm(p - places[name]) for p in (first, second)) > _HOLLOW_EDGE * scale
         ):
-            unseen = _UNSEEN_SIGMA if shape_known else _UNKNOWN_SIGMA * scale
+            unknown = _ARMPIT_SIGMA if name in sleeved else _CROTCH_SIGMA
+            unseen = _UNSEEN_SIGMA if shape_known else unknown * scale
             registration = replace(registration, sigmas={**registration.sigmas, name: unseen})
     return registration
 

@@ -1,70 +1,103 @@
-"""Locates a shoulder at the upper end of the seam between sleeve and body, which runs from there to the armpit.
+"""Locates the shoulders of a shirt at the upper ends of the seams between its sleeves and the body, which run from
+there to the armpits.
 
-The outline of a shirt hardly bends at the shoulder, but in many pictures the seam is visible as a dark line.
+The outline of a shirt hardly bends at a shoulder, but in many pictures the seam is visible as a dark line.
 Curves from each place of the outline near the shoulder to the armpit, with several curvatures, are compared with
-the picture: along the seam, nearly every point is darker than the points on both sides of it. A pattern can have
-dark lines, too, so that the seam counts only if it is dark along its whole length, and if no other curve is nearly
-as dark.
+the picture: along the seam, the points are darker than those on both sides of it. A pattern can have dark lines,
+too. Therefore the lines are weighed against the place where the outline puts the shoulder, and against those on
+the other side, because halves are alike. The spread of the posterior is the uncertainty: it stays wide where no
+line, or more than one, looks like a seam.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from foldcell.robots.ports import Array
+from foldcell.skills.perception.outline import polygon_area
 from foldcell.skills.perception.registration.boundary import sample
 from foldcell.skills.perception.registration.details.cloth_picture import ClothPicture
 from foldcell.skills.perception.registration.energy import Boundary
 
-__all__ = ["locate_seam"]
+__all__ = ["locate_seams"]
 
-
-_SEARCH = 0.040  # maximum displacement along the outline [m]
 _BOW = 0.024  # maximum sagitta of a seam [m]
 _BESIDE = 0.005  # distance of the points with which a point of the seam is compared [m]
 _MARGIN = 0.008  # distance from the outline at which a seam is looked for [m]
 _PART = 0.8  # share of the seam's length, from the shoulder, that is compared: the armpit is not known exactly
 _NOISE = 0.5  # standard deviation of the noise of a pixel's brightness [grey levels]
-_EVIDENCE = 30.0
-"""Minimum evidence for a seam: the squared darkness of the line, relative to the variation of the cloth, times its
+_EVEN, _SLOPE = 25.0, 0.2
+"""Evidence at which a line is as likely a seam as not, and by how much the logarithm of the odds grows per
+evidence. The evidence is the squared darkness of the line, relative to the variation of the cloth, times its
 length in units of 16 mm."""
-_COMPLETE = 0.9
-"""Minimum share of points that are dark."""
-_RIVAL, _ELSEWHERE = 0.75, 0.010
-"""If a line ends at least `_ELSEWHERE` [m] away from the end of the seam, its evidence must not exceed the share
-`_RIVAL` of the seam's evidence."""
+_RANGE = 3.0
+"""Seams are looked for up to so many standard deviations from where the outline puts the shoulder."""
+_ALIKE = (0.02, 0.04)
+"""Standard deviations of the difference between the places of the shoulders, seen from the armpits, along the axis
+and across, relative to the square root of the garment's area."""
+_SEAM_SIGMA = 0.0016
+"""Standard deviation of the end of a seam [m]."""
 _SAMPLES, _BOWS = 36, 13
 """Number of points on a curve, and number of curves of different curvature that end at one point of the
 boundary."""
-_STRIDE = 2
-"""Curves end at every second point of the boundary."""
 
 
-def locate_seam(picture: ClothPicture, boundary: Boundary, shoulder: Array, armpit: Array) -> Array | None:
-    """Find the place (2,) [m] on the boundary where the seam from the armpit (2,) ends, near `shoulder` (2,). None
-    if there is no seam or more than one."""
-    step = _STRIDE * boundary.length / len(boundary.points)
-    start = int(boundary.nearest(shoulder[None])[1][0])
-    last = int(_SEARCH / step)
-    ends = boundary.points[(start + _STRIDE * np.arange(-last, last + 1)) % len(boundary.points)]
-    length = float(np.linalg.norm(armpit - shoulder))
+def locate_seams(
+    picture: ClothPicture, boundary: Boundary, shoulders: Sequence[tuple[Array, float]], armpits: Array, up: Array
+) -> list[tuple[Array, float]]:
+    """Return the places (2,) of both shoulders on the boundary, with their standard deviations [m].
+
+    shoulders: the same by the outline alone. armpits: (2, 2) [m]. up: (2,) unit vector from hem to collar.
+    """
+    size = float(np.sqrt(abs(polygon_area(boundary.points))))
+    log_p, ends, away = [], [], []
+    for (place, sigma), armpit in zip(shoulders, armpits, strict=True):
+        at, apart = _near(boundary, place, _RANGE * sigma)
+        evidence = _evidence(picture, at, armpit, float(np.linalg.norm(armpit - place)))
+        log_p.append(np.logaddexp(0.0, _SLOPE * (evidence - _EVEN)) - 0.5 * (apart / sigma) ** 2)
+        ends.append(at)
+        away.append((at - armpit) @ np.column_stack([up, (-up[1], up[0])]) / size)
+    unlike = (away[0][:, None] - away[1] * (1.0, -1.0)) / _ALIKE
+    joint = log_p[0][:, None] + log_p[1] - 0.5 * (unlike**2).sum(axis=2)
+    p = np.exp(joint - joint.max())
+    return [_moments(at, share) for at, share in zip(ends, (p.sum(axis=1), p.sum(axis=0)), strict=True)]
+
+
+def _near(boundary: Boundary, place: Array, reach: float) -> tuple[Array, Array]:
+    """Return the points (n, 2) of the boundary around a place (2,), and their distances (n,) along it [m]."""
+    step = boundary.length / len(boundary.points)
+    k = np.arange(-int(reach / step) - 1, int(reach / step) + 2)
+    at = (int(boundary.nearest(place[None])[1][0]) + k) % len(boundary.points)
+    return boundary.points[at], np.asarray(step * k, dtype=np.float64)
+
+
+def _moments(at: Array, share: Array) -> tuple[Array, float]:
+    """Return the point nearest to the mean of points (n, 2) with weights (n,), and their standard deviation."""
+    share = share / share.sum()
+    mean = share @ at
+    spread = float(np.sqrt(share @ ((at - mean) ** 2).sum(axis=1)))
+    return at[int(np.argmin(np.linalg.norm(at - mean, axis=1)))].copy(), float(np.hypot(spread, _SEAM_SIGMA))
+
+
+def _evidence(picture: ClothPicture, ends: Array, armpit: Array, length: float) -> Array:
+    """Return the evidence (n,) for a seam of this length [m] that runs from each of the ends (n, 2) to the
+    armpit (2,)."""
     if length < 4 * _MARGIN:
-        return None
-    curves, normals = _curves(ends, armpit, length)
-    darkness, on_cloth = _darkness(picture, curves, normals)
-    evidence, dark_share = _evidence(darkness, on_cloth, _PART * length)
-    curve = np.argmax(evidence, axis=1)
-    by_end = evidence[np.arange(len(ends)), curve]
-    best = int(np.argmax(by_end))
-    elsewhere = np.abs(np.arange(len(ends)) - best) * step > _ELSEWHERE
-    at_limit = min(best, len(ends) - 1 - best) * step < 0.05 * _SEARCH
-    if at_limit or by_end[best] < _EVIDENCE or dark_share[best, curve[best]] < _COMPLETE:
-        return None
-    if by_end[elsewhere].max() > _RIVAL * by_end[best]:
-        return None
-    return np.asarray(ends[best].copy())
+        return np.zeros(len(ends))
+    darkness, on_cloth = _darkness(picture, *_curves(ends, armpit, length))
+    seen = darkness[on_cloth]
+    if not len(seen):
+        return np.zeros(len(ends))
+    spread = 1.4826 * float(np.median(np.abs(seen - np.median(seen)))) + _NOISE
+    relative = np.where(on_cloth, np.clip(darkness / spread, -3.0, 3.0), 0.0)
+    count = np.count_nonzero(on_cloth, axis=2)
+    mean = np.maximum(relative.sum(axis=2) / np.maximum(count, 1), 0.0)
+    share = count / darkness.shape[2]
+    return np.asarray(np.where(share > 0.6, share * _PART * length / 0.016 * mean**2, 0.0).max(axis=1))
 
 
 def _curves(ends: Array, armpit: Array, length: float) -> tuple[Array, Array]:
@@ -94,17 +127,3 @@ def _darkness(picture: ClothPicture, curves: Array, normals: Array) -> tuple[Arr
     left, middle, right = (sample(bright, p - offset) for p in pixels)
     on_cloth = np.min([sample(cloth, p - offset) for p in pixels], axis=0) > 0.99
     return (0.5 * (left + right) - middle).reshape(shape), on_cloth.reshape(shape)
-
-
-def _evidence(darkness: Array, on_cloth: NDArray[np.bool_], length: float) -> tuple[Array, Array]:
-    """Evidence (n, bows) for a seam along each curve, and the share (n, bows) of dark points."""
-    seen = darkness[on_cloth]
-    if not len(seen):
-        return np.zeros(darkness.shape[:2]), np.zeros(darkness.shape[:2])
-    spread = 1.4826 * float(np.median(np.abs(seen - np.median(seen)))) + _NOISE
-    relative = np.where(on_cloth, np.clip(darkness / spread, -3.0, 3.0), 0.0)
-    count = np.maximum(np.count_nonzero(on_cloth, axis=2), 1)
-    mean = relative.sum(axis=2) / count
-    enough = count > 0.6 * darkness.shape[2]
-    evidence = np.where(enough & (mean > 0), count / darkness.shape[2] * length / 0.016 * mean**2, 0.0)
-    return evidence, np.count_nonzero(relative > 0.8, axis=2) / count

@@ -13,7 +13,7 @@ picture shows the neckline (`neckline`), its axis and width replace the usual on
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,7 +57,7 @@ which the sleeve droops [1/rad], because a sleeve that hangs down covers the bod
 ends from the axis, relative to that of the shoulders; the axis's distance from the middle of the armpits."""
 _NECKLINE = 0.02
 """Standard deviation of axis and half width of a neckline that the picture shows."""
-_LEAST_SIGMA = (0.022, 0.040)
+_LEAST_SIGMA = (0.022, 0.050)
 """Least standard deviation of the places found, collar and shoulder: halves differ, and proportions do. They
 follow from the errors of 25 shirts of the real set (`benchmarks.photographs`)."""
 
@@ -67,7 +67,8 @@ class _Edge:
     """An upper edge in the frame of the body, at unit area. y: (n,) height. b: (n,) to the first side. armpit:
     their mean height. half: their distance from the axis. cuff: (2,) mean height of the upper ends of the cuffs,
     and their distance from the axis. middle: place of the axis between them. neckline: its axis
-    and half width, if it is visible."""
+    and half width, if it is visible. seams: axis, half width and standard deviation of the shoulders, if they are
+    known."""
 
     y: Array
     b: Array
@@ -76,16 +77,22 @@ class _Edge:
     cuff: Array
     middle: float
     neckline: tuple[float, float] | None
+    seams: tuple[float, float, float] | None
 
 
 def locate_upper_edge(
-    keypoints: Mapping[str, Array], contour: Array, sides: tuple[str, str], picture: ClothPicture | None = None
+    keypoints: Mapping[str, Array],
+    contour: Array,
+    sides: tuple[str, str],
+    picture: ClothPicture | None = None,
+    shoulders: Sequence[tuple[Array, float]] = (),
 ) -> Mapping[str, tuple[Array, float]]:
     """Return the place (2,) and its standard deviation [m] for the shoulders and the ends of the collar;
     of none if the edge is too short for a shirt.
 
     keypoints: name -> (2,) [m], of which hem, armpits and cuffs are used. contour: (n, 2) observed boundary,
-    counter-clockwise [m]. sides: their names in this order. picture: may show the neckline.
+    counter-clockwise [m]. sides: their names in this order. picture: may show the neckline. shoulders: their
+    places (2,) and standard deviations [m], if their seams show them.
     """
     size = float(np.sqrt(abs(polygon_area(contour))))
     hem, armpit, cuff = (np.array([keypoints[f"{n}_{s}"] for s in sides]) for n in ("hem", "armpit", "cuff_upper"))
@@ -106,7 +113,12 @@ def locate_upper_edge(
     half = 0.5 * float(pits[0, 1] - pits[1, 1])
     cuffs = (cuff - hem.mean(axis=0)) @ to_frame
     ends = np.array([cuffs[:, 0].mean(), 0.5 * (cuffs[0, 1] - cuffs[1, 1])])
-    edge = _Edge(y_closed, b, float(pits[:, 0].mean()), half, ends, middle, neckline)
+    seams = None
+    if shoulders:
+        first, second = (float(((place - hem.mean(axis=0)) @ to_frame)[1]) for place, _ in shoulders)
+        spread = np.linalg.norm([_NECKLINE, *(sigma / size for _, sigma in shoulders)])
+        seams = 0.5 * (first + second), 0.5 * (first - second), float(spread)
+    edge = _Edge(y_closed, b, float(pits[:, 0].mean()), half, ends, middle, neckline, seams)
     found = _knots(edge)
     if found is None:
         return {}
@@ -229,6 +241,8 @@ def _posterior(edge: _Edge, knots: Array, standing: bool) -> tuple[Array, Array]
         ((collar / shoulder)[:, 0], _NECK),
         (axis[:, 0], (edge.middle, _OFFSET) if edge.neckline is None else (edge.neckline[0], _NECKLINE)),
         (collar[:, 0], (0.0, np.inf) if edge.neckline is None else (edge.neckline[1], _NECKLINE)),
+        (axis[:, 0], (0.0, np.inf) if edge.seams is None else (edge.seams[0], np.hypot(_OFFSET, edge.seams[2]))),
+        (shoulder[:, 0], (0.0, np.inf) if edge.seams is None else edge.seams[1:]),
     ):
         log_p -= 0.5 * ((value - usual) / spread) ** 2
     return log_p, x
