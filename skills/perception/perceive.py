@@ -69,10 +69,10 @@ AUTO_CATEGORIES, AUTO_MARGIN = 3, 0.12
 best one's."""
 SAME = 0.97
 """Regions that overlap by more than this (intersection over union) are the same."""
-WITHIN, ALIKE, MORE = 0.95, 0.80, 1.2
+WITHIN, ALIKE, MORE, MOST = 0.95, 0.80, 1.2, 0.65
 """A region that lies within a larger one by more than the first share is a print on it. Regions that overlap by
 more than the second (intersection over union) show the same thing. One that is larger by the third factor shows
-something else, too."""
+something else, too. One that covers more than the fourth share is most of it."""
 UNLIKE = 0.8
 """A region that overlaps with no garment by more than this may be a print on the ground."""
 TOO_NEAR = 0.01
@@ -289,7 +289,8 @@ def _best(looks: Iterator[_Look], named: bool) -> _Look:
     accepted: list[_Look] = []
     refused: list[_Look] = []
     for look in looks:
-        if not look.outcome.ok or any(_doubtful(look, other, named) for other in [*accepted, *refused]):
+        doubtful = any(_doubtful(look, other, named) for other in [*accepted, *refused])
+        if not look.outcome.ok or doubtful or any(_explains(other, look) for other in refused):
             refused.append(look)
         elif not look.free or look.outcome.unwrap().fit >= SURE_FIT:
             return look
@@ -298,18 +299,21 @@ def _best(looks: Iterator[_Look], named: bool) -> _Look:
     if accepted:
         return max(accepted, key=lambda look: look.outcome.unwrap().fit)
     best = max(refused, key=lambda look: look.reached)
-    return next((look for look in refused if _two(best, look)), best)
+    return next((look for look in refused if _explains(look, best)), best)
 
 
-def _two(look: _Look, other: _Look) -> bool:
-    """Whether an uncertain region of a photograph lies within a larger one that no flat garment has: one garment
-    lies on another."""
-    failure = other.outcome.failure
-    if not look.free or not look.fitted or failure is None or failure.kind is not FailureKind.NOT_FLAT:
+def _explains(look: _Look, best: _Look) -> bool:
+    """Whether a region of a photograph that no flat garment has tells more than what came furthest: an uncertain
+    region is only a part of it, so that one garment lies on another, or it is most of what the picture's edge
+    seems to cut off."""
+    failure, told = look.outcome.failure, best.outcome.failure
+    if not look.free or failure is None or failure.kind is not FailureKind.NOT_FLAT:
         return False
-    mask, larger = look.segmentation.mask, other.segmentation.mask
-    area = np.count_nonzero(mask)
-    return bool(np.count_nonzero(mask & larger) > WITHIN * area and MORE * area < np.count_nonzero(larger))
+    mask, area = look.segmentation.mask, np.count_nonzero(look.segmentation.mask)
+    both, furthest = np.count_nonzero(mask & best.segmentation.mask), np.count_nonzero(best.segmentation.mask)
+    if told is not None and told.kind is FailureKind.OUT_OF_VIEW:
+        return bool(both > MOST * furthest)
+    return bool(best.fitted and both > WITHIN * furthest and area > MORE * furthest)
 
 
 def _doubtful(look: _Look, other: _Look, named: bool) -> bool:

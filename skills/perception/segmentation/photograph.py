@@ -85,13 +85,11 @@ def propose_garments(rgb: Image, valid: Mask) -> tuple[Segmentation, ...]:
     lab, least = _smooth_lab(small), _least(inside, valid)
     regions: list[_Region] = []
     for mask in _masks(small, lab, inside):
-        for region, reaching in _regions(mask, inside, least):
-            if not reaching:
-                _add(regions, region, lab)
+        for region in _regions(mask, inside, least):
+            _add(regions, region, lab)
     for found in list(regions):
-        for region, reaching in _regions(_cut(small, found.mask, inside), inside, least):
-            if not reaching:
-                _add(regions, region, lab)
+        for region in _regions(_cut(small, found.mask, inside), inside, least):
+            _add(regions, region, lab)
     regions.sort(key=lambda r: -r.score)
     proposals = [_refined(region, regions, rgb, valid) for region in regions[:_COUNT]]
     clear = [p for p in proposals if p.confidence > _LEAST_CLEAR and np.count_nonzero(p.mask) >= SMALLEST_AREA]
@@ -106,12 +104,11 @@ def propose_cut_off(rgb: Image, valid: Mask) -> tuple[Segmentation, ...]:
     lab, border, least = _smooth_lab(small), _border(inside), _least(inside, valid)
     regions: list[_Region] = []
     for mask in _masks(small, lab, inside):
-        for region, reaching in _regions(mask, inside, least):
-            if reaching:
-                _add(regions, region, lab, ~border)
+        for region in _regions(mask, inside, least, cut_off=True):
+            _add(regions, region, lab, ~border)
     likely = sorted((r for r in regions if r.score > _LEAST_SCORE), key=lambda r: -r.score)[:_CUT_OFF]
     limbs = skin(small) & inside & (table_distance(lab, inside) > _LEVELS[2])
-    masks = [r.mask for r in likely] + [r for r, cut in _regions(limbs, inside, least) if cut]
+    masks = [*(r.mask for r in likely), *_regions(limbs, inside, least, cut_off=True)]
     found = []
     for region in masks:
         mask = cv2.resize(region.astype(np.float32), valid.shape[::-1], interpolation=cv2.INTER_LINEAR) > 0.5
@@ -191,9 +188,9 @@ def _otsu(channel: Image, inside: Mask) -> float:
     return float(level)
 
 
-def _regions(mask: Mask, inside: Mask, least: float) -> Iterator[tuple[Mask, bool]]:
-    """Yield the mask's connected regions, filled, that have the size of a garment, each with whether it reaches
-    the border."""
+def _regions(mask: Mask, inside: Mask, least: float, cut_off: bool = False) -> Iterator[Mask]:
+    """Yield the mask's connected regions, filled, that have the size of a garment and do not reach the border, or
+    those that it cuts off."""
     border = _border(inside)
     most = _LARGEST * np.count_nonzero(inside)
     for size in (3, 7):
@@ -203,8 +200,8 @@ def _regions(mask: Mask, inside: Mask, least: float) -> Iterator[tuple[Mask, boo
             if stats[i, cv2.CC_STAT_AREA] < least:
                 continue
             region = filled(labels == i)
-            if np.count_nonzero(region) <= most:
-                yield region, bool((region & border).any())
+            if np.count_nonzero(region) <= most and (region & border).any() == cut_off:
+                yield region
 
 
 def _add(regions: list[_Region], mask: Mask, lab: Field, counted: Mask | None = None) -> None:

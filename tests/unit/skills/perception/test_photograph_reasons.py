@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import cv2
 import numpy as np
 import pytest
 
 import foldcell
-from foldcell.robots.errors import FailureKind
+from foldcell.robots.errors import Failure, FailureKind
+from foldcell.skills.perception import perceive
+from foldcell.skills.perception.segmentation.mask import Segmentation
+from foldcell.skills.vocabulary import Outcome
 
 ROWS, COLUMNS = 450, 600
 BLUE, CREAM, SKIN, YELLOW = (50, 70, 130), (225, 215, 190), (200, 140, 110), (220, 190, 40)
@@ -59,3 +64,42 @@ def test_a_photograph_without_a_whole_garment_is_refused_for_its_true_reason(
 def test_cloth_whose_edges_rise_is_no_print_on_the_ground() -> None:
     failure = foldcell.perceive(photograph((FLOWER, CREAM), relief=1.5), unit="px").failure
     assert failure is not None and failure.kind is FailureKind.NOT_FLAT
+
+
+FITTED, MISFIT, CUT = (
+    Failure(kind, kind) for kind in (FailureKind.LOW_CONFIDENCE, FailureKind.NOT_FLAT, FailureKind.OUT_OF_VIEW)
+)
+SHIRTS_POINTS, TOWELS_POINTS = ("hem", "collar", "cuff", "armpit", "shoulder"), ("a", "b", "c", "d")
+
+
+def look(rows: int, columns: int, names: tuple[str, ...], failure: Failure | None) -> perceive._Look:
+    """What came of a region in the upper left corner of a photograph. failure: None for an accepted one."""
+    mask = np.zeros((100, 100), bool)
+    mask[:rows, :columns] = True
+    outcome = Outcome(SimpleNamespace(fit=0.9)) if failure is None else Outcome(failure=failure)
+    places = dict.fromkeys(names, np.zeros(2))
+    return perceive._Look(Segmentation(mask, np.zeros((1, 2)), 1.0, mask & False), True, outcome, places)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "told"),
+    [
+        (look(80, 80, SHIRTS_POINTS, FITTED), look(30, 30, TOWELS_POINTS, None), FITTED),
+        (look(80, 80, SHIRTS_POINTS, FITTED), look(78, 80, TOWELS_POINTS, None), FITTED),
+        (look(80, 80, SHIRTS_POINTS, FITTED), look(78, 80, SHIRTS_POINTS, None), None),
+        (look(80, 80, (), CUT), look(30, 30, TOWELS_POINTS, None), CUT),
+        (look(80, 80, SHIRTS_POINTS, MISFIT), look(60, 80, SHIRTS_POINTS, FITTED), MISFIT),
+        (look(80, 80, SHIRTS_POINTS, MISFIT), look(60, 80, SHIRTS_POINTS, None), MISFIT),
+        (look(70, 80, SHIRTS_POINTS, MISFIT), look(80, 80, (), CUT), MISFIT),
+        (look(30, 80, SHIRTS_POINTS, MISFIT), look(80, 80, (), CUT), CUT),
+    ],
+    ids=[
+        "a print on a garment that is uncertain", "the same thing, but of another kind", "the same thing",
+        "a print on what is cut off", "two garments, the upper one uncertain", "two garments, the upper one sure",
+        "a garment and a sun spot at the edge", "a part of what is cut off",
+    ],
+)  # fmt: skip
+def test_regions_of_a_photograph_are_judged_together(
+    first: perceive._Look, second: perceive._Look, told: Failure | None
+) -> None:
+    assert perceive._best(iter([first, second]), named=False).outcome.failure is told
