@@ -20,6 +20,9 @@ __all__ = ["CAUSES", "PARTS", "Message", "messages", "pages"]
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = ("cell", "skills", "robots", "calibration", "foldcell")
 REFUSALS = ("ConfigurationError", "StorageError", "InternalError", "RecordError")
+FAILURES = ("Failure", "DriverError")
+SAYING = (*FAILURES, *REFUSALS)
+"""The types whose calls have a message of the program."""
 
 K = FailureKind
 CAUSES: Mapping[FailureKind, str] = {
@@ -86,33 +89,43 @@ class Message:
 def messages(root: Path = ROOT) -> list[Message]:
     """Return all messages of the program, in order, each once."""
     files = (file for folder in PROGRAM for file in (root / folder).rglob("*.py"))
-    return sorted({message for file in files for message in _of_file(ast.parse(file.read_text(encoding="utf-8")))})
+    texts = (file.read_text(encoding="utf-8") for file in files)
+    told = (text for text in texts if any(f"{name}(" in text for name in SAYING))
+    return sorted({message for text in told for message in _of_file(ast.parse(text))})
 
 
 def _of_file(tree: ast.Module) -> Iterator[Message]:
-    scopes = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
-    for scope in (tree, *scopes):
+    nodes = list(ast.walk(tree))
+    calls = [
+        (node, node.func.id)
+        for node in nodes
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in SAYING
+    ]
+    for scope in (node for node in nodes if isinstance(node, ast.Module | ast.FunctionDef)):
+        inside = [(call, name) for call, name in calls if _is_in(call, scope)]
+        assigned = ast.walk(scope) if inside else ()
         said = {
             target.id: node.value
-            for node in ast.walk(scope)
+            for node in assigned
             if isinstance(node, ast.Assign)
             for target in node.targets
             if isinstance(target, ast.Name)
         }
-        for call in ast.walk(scope):
-            if isinstance(call, ast.Call) and isinstance(call.func, ast.Name):
-                yield from _of_call(call, call.func.id, said)
+        for call, name in inside:
+            yield from _of_call(call, name, said)
+
+
+def _is_in(call: ast.Call, scope: ast.Module | ast.FunctionDef) -> bool:
+    return isinstance(scope, ast.Module) or scope.lineno <= call.lineno <= (scope.end_lineno or scope.lineno)
 
 
 def _of_call(call: ast.Call, name: str, said: Mapping[str, ast.expr]) -> Iterator[Message]:
     arguments = [*call.args, *(word.value for word in call.keywords if word.arg in ("kind", "what", "hint"))]
-    if name in ("Failure", "DriverError"):
+    if name in FAILURES:
         kinds, *arguments = arguments or [ast.Constant("")]
         names = [node.attr.lower() for node in ast.walk(kinds) if isinstance(node, ast.Attribute)]
-    elif name in REFUSALS:
-        names = [name]
     else:
-        return
+        names = [name]
     what = _texts(arguments[0], said) if arguments else []
     hints = _texts(arguments[1], said) if len(arguments) > 1 else [""]
     known = {*map(str, FailureKind), *REFUSALS}

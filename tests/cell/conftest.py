@@ -35,7 +35,7 @@ class Seen:
 
 def see(folder: Path, **options: bool) -> Seen:
     onlooker = Onlooker()
-    request = fold_request(folder, SETTINGS, garment="medium_towel", seed=1, **options)
+    request = fold_request(folder, SETTINGS, garment="small_towel", seed=1, **options)
     result = onlooker.fold(request)
     with Journal.open(request.logs / "journal.db", readonly=True) as journal:
         record = journal.run("last")
@@ -44,7 +44,7 @@ def see(folder: Path, **options: bool) -> Seen:
 
 @pytest.fixture(scope="session")
 def seen(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Seen]:
-    """A medium towel folded with recording, report and scorer."""
+    """A small towel folded twice, with recording, report and scorer."""
     yield see(tmp_path_factory.mktemp("seen"), record=True, record_truth=True)
 
 

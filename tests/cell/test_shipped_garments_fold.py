@@ -17,7 +17,7 @@ FEW_SIMULATIONS = {"optimiser": {"simulations": 2}}
 RUNS = Path(__file__).parents[2] / "benchmarks" / "regression_runs"
 
 
-# the medium towel: tests/cell/test_fold_run.py; a long-sleeve shirt is folded as the T-shirt
+# the medium towel: tests/cell/test_readme_commands.py; a long-sleeve shirt is folded as the T-shirt
 @pytest.mark.parametrize("name", ["t_shirt", "pants"])
 def test_a_shipped_garment_ends_folded(name: str, tmp_path: Path) -> None:
     script = read_script(RUNS / f"{name}.yaml")

@@ -18,7 +18,7 @@ from foldcell.cell.simulation.scoring.ground_truth_recorder import GroundTruthRe
 from foldcell.cell.simulation.scoring.ideal import BackgroundIdeal, flaw_of, ideal_heights
 from foldcell.cell.simulation.truth import GarmentTruth
 from foldcell.cell.view.recorder import Recorder
-from foldcell.skills.fold_plan.ideal_fold import IdealFold, ideal_folds
+from foldcell.skills.fold_plan.ideal_fold import SETTLE_S, IdealFold, ideal_folds
 from foldcell.skills.fold_plan.plan import ways_to_fold
 from foldcell.skills.garments.garment import Garment
 
@@ -33,6 +33,17 @@ def ideal(request: pytest.FixtureRequest) -> IdealGarment:
 @pytest.fixture(scope="module")
 def towel() -> GarmentTruth:
     return drawn_garment(*TOWEL)
+
+
+@pytest.fixture(scope="module")
+def settled(towel: GarmentTruth) -> tuple[IdealFold, ...]:
+    """The ideal folds of the towel by its preferred way."""
+    return ideal_folds(towel.mesh, ways(towel)[0], towel.fabric, solver_settings(towel.traits))
+
+
+@pytest.fixture(scope="module")
+def background(towel: GarmentTruth) -> BackgroundIdeal:
+    return BackgroundIdeal(towel, lambda: plan(towel))
 
 
 def plan(garment: GarmentTruth) -> Garment:
@@ -109,26 +120,27 @@ def test_stiff_nested_creases_that_push_the_layers_aside_are_folded_again_more_s
 # --- time to settle ------------------------------------------------------------------------------------
 
 
-def test_a_garment_that_sleeps_does_not_change_any_more(towel: GarmentTruth) -> None:
+def test_a_garment_that_sleeps_does_not_change_any_more(
+    towel: GarmentTruth, settled: tuple[IdealFold, ...]
+) -> None:
     settings, lines = solver_settings(towel.traits), ways(towel)[0]
-    ten, twenty = (ideal_folds(towel.mesh, lines, towel.fabric, settings, s) for s in (10.0, 20.0))
-    for a, b in zip(ten, twenty, strict=True):
-        assert a.rest_s < 10.0 and a.motion < 5e-4 and a.crossings == 0 and a.strain <= 0.05
+    for a, b in zip(settled, ideal_folds(towel.mesh, lines, towel.fabric, settings, 2 * SETTLE_S), strict=True):
+        assert a.rest_s < SETTLE_S and a.motion < 5e-4 and a.crossings == 0 and a.strain <= 0.05
         assert np.array_equal(a.vertices, b.vertices)
 
 
-def test_a_prefix_of_the_lines_gives_the_same_folds(towel: GarmentTruth) -> None:
-    settings, lines = solver_settings(towel.traits), ways(towel)[0]
-    (half,) = ideal_folds(towel.mesh, lines[:1], towel.fabric, settings)
-    assert np.array_equal(half.vertices, ideal_folds(towel.mesh, lines, towel.fabric, settings)[0].vertices)
+def test_a_prefix_of_the_lines_gives_the_same_folds(towel: GarmentTruth, settled: tuple[IdealFold, ...]) -> None:
+    (half,) = ideal_folds(towel.mesh, ways(towel)[0][:1], towel.fabric, solver_settings(towel.traits))
+    assert np.array_equal(half.vertices, settled[0].vertices)
 
 
 # --- the thread ----------------------------------------------------------------------------------------
 
 
-def test_the_thread_finds_what_a_call_finds_and_follows_the_way_that_was_taken(towel: GarmentTruth) -> None:
+def test_the_thread_finds_what_a_call_finds_and_follows_the_way_that_was_taken(
+    towel: GarmentTruth, background: BackgroundIdeal
+) -> None:
     first, second = ways(towel)[:2]
-    background = BackgroundIdeal(towel, lambda: plan(towel))
     assert (
         background.heights(first, [18.0, 12.0])
         == background.heights(first)
@@ -137,9 +149,10 @@ def test_the_thread_finds_what_a_call_finds_and_follows_the_way_that_was_taken(t
     assert background.heights(second) == ideal_heights(towel, plan(towel), second)
 
 
-def test_a_fold_that_had_less_time_to_settle_is_compared_with_such_an_ideal(towel: GarmentTruth) -> None:
+def test_a_fold_that_had_less_time_to_settle_is_compared_with_such_an_ideal(
+    towel: GarmentTruth, background: BackgroundIdeal
+) -> None:
     lines, dwell_s = ways(towel)[0], [12.0, 0.1]
-    background = BackgroundIdeal(towel, lambda: plan(towel))
     assert background.heights(lines, dwell_s) == ideal_heights(towel, plan(towel), lines, dwell_s)
 
 
