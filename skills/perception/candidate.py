@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import cv2
 import numpy as np
 
 from foldcell.robots.ports import Array
 from foldcell.skills.perception.classify import Match, polygon_iou
-from foldcell.skills.perception.outline import GarmentOutline, MemberOutline, segment_lengths
+from foldcell.skills.perception.outline import GarmentOutline, MemberOutline, polygon_area, segment_lengths
 from foldcell.skills.perception.registration.register import Registration
 from foldcell.skills.perception.segmentation.mask import Segmentation
 from foldcell.skills.perception.settings import PerceptionSettings
@@ -28,6 +28,9 @@ figures resembles any outline, such as a rectangular print."""
 MAX_DISTORTION = 0.20
 """Maximum difference from the template's proportions: standard deviation, over the outline's edges, of the
 logarithm of observed over template length."""
+MOST_UNEQUAL = 1.8
+"""Maximum ratio of the areas of two sleeves in a photograph. Those of 35 flat shirts of the real set
+(`benchmarks.photographs`) differ by a factor of up to 1.35."""
 LEAST_TURN = 0.35
 """Minimum turn of the outline at the place of a sharp corner, relative to the turn of this corner in the
 template."""
@@ -108,13 +111,16 @@ def _fits_in_size(match: Match, settings: PerceptionSettings) -> bool:
 def misfit(
     registration: Registration, garment: GarmentOutline, contour: Array, free: bool, named: bool
 ) -> Failure | None:
-    """Return UNKNOWN_GARMENT or LOW_CONFIDENCE when the key points do not fit the garment, else None.
+    """Return UNKNOWN_GARMENT, LOW_CONFIDENCE or NOT_FLAT when the key points do not fit the garment, else None.
 
     The registered contour bends freely and follows any silhouette, but the polygon of its key points does not.
     This polygon is therefore compared with the silhouette. free: whether the garment may have any shape of its
     category. named: whether this garment is expected.
-    LOW_CONFIDENCE: a key point that should be a sharp corner lies where the outline has no corner.
+    LOW_CONFIDENCE: a key point that should be a sharp corner lies where the outline has no corner. NOT_FLAT: one
+    sleeve is much smaller than the other.
     """
+    if free and (failure := _unequal_sleeves(registration.keypoints)) is not None:
+        return failure
     polygon = np.array([registration.keypoints[name] for name in garment.keypoints])
     lengths = segment_lengths(np.asarray(garment.template, dtype=float))
     ratio = np.log(np.maximum(segment_lengths(polygon), 1e-6) / lengths)
@@ -144,6 +150,27 @@ def misfit(
         else f"the silhouette fits {garment.name} only in proportions that no such garment has",
         "spread the garment flat, or make a template with `foldcell garment new`",
         {"polygon_iou": overlap, "distortion": distortion, "strain": strain},
+    )
+
+
+def _unequal_sleeves(keypoints: Mapping[str, Array]) -> Failure | None:
+    """Return NOT_FLAT if one sleeve is much smaller than the other: it is folded over or pushed together."""
+    parts = "shoulder", "cuff_upper", "cuff_lower", "armpit"
+    if not {f"{part}_{side}" for part in parts for side in ("left", "right")} <= set(keypoints):
+        return None
+    areas = {
+        side: abs(polygon_area(np.array([keypoints[f"{part}_{side}"] for part in parts])))
+        for side in ("left", "right")
+    }
+    small, large = sorted(areas, key=lambda side: areas[side])
+    if areas[large] <= MOST_UNEQUAL * areas[small]:
+        return None
+    share = areas[small] / areas[large]
+    return Failure(
+        FailureKind.NOT_FLAT,
+        f"the {small} sleeve is only {share:.0%} as large as the {large} one",
+        "stretch the sleeve out, with nothing folded over",
+        {"sleeve_share": share, "keypoint": f"cuff_upper_{small}"},
     )
 
 

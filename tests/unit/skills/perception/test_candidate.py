@@ -50,6 +50,19 @@ def test_the_refusal_of_a_missing_corner_names_its_key_point(drooping):
     assert "corner at the cuff_lower_left of t_shirt" in failure.what
 
 
+@pytest.mark.parametrize(("share", "kind"), [(0.25, FailureKind.NOT_FLAT), (0.85, None)])
+def test_a_sleeve_much_smaller_than_the_other_is_folded_over(drooping, share, kind):
+    outline, member = drooping
+    whole = register(outline, member)
+    root = 0.5 * (whole.keypoints["shoulder_left"] + whole.keypoints["armpit_left"])
+    cuff = {n: root + share * (whole.keypoints[n] - root) for n in ("cuff_upper_left", "cuff_lower_left")}
+    folded = replace(whole, keypoints={**whole.keypoints, **cuff})
+    failure = misfit(folded, member, outline, free=True, named=True)
+    assert (failure and failure.kind) is kind
+    if failure is not None:
+        assert failure.what.startswith("the left sleeve is only ")
+
+
 def test_four_corners_are_no_towel_unless_one_was_named():
     """A barrel has the corners of a towel and bulging sides."""
     towel = load_garment("medium_towel")
