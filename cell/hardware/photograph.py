@@ -29,10 +29,10 @@ __all__ = [
     "read_photograph",
 ]
 
-LEAST_CONFIDENCE, UNNAMED_CONFIDENCE = 0.6, 0.75
-"""Least accepted probability that the key points in a photograph are accurate; and of a garment that was not
-named, whose kind may be wrong, too. They are higher than in a run, because a garment file that is made from them
-is used again and again."""
+LEAST_CONFIDENCE = {"m": 0.6, "px": 0.5}
+"""Least accepted probability that the key points in a photograph are accurate: within 10 mm, or within 2 % where
+the scale is unknown. It is higher than in a run, because a garment file that is made from them is used again and
+again."""
 WIDTH, HEIGHT = 1.2, 2.0
 """For a picture by an unknown camera: assumed width of the table in the picture, and assumed height of the camera
 above the table [m]."""
@@ -79,8 +79,7 @@ def perceive_photograph(
     garments = [load_garment(name, settings.surface) for name in names]
     frame = _frame(picture, calibration.intrinsics, 0)
     empty = _frame(reference, calibration.intrinsics, 1) if reference is not None else None
-    least = UNNAMED_CONFIDENCE if garment == "auto" and unit == "px" else LEAST_CONFIDENCE
-    thresholds = replace(settings.perception.settings(), least_confidence=least)
+    thresholds = replace(settings.perception.settings(), least_confidence=LEAST_CONFIDENCE[unit])
     if picture.depth is None or unit == "px":  # no depth, or none that a calibration could contradict
         thresholds = replace(thresholds, depth_holes=1.0)
     thresholds = replace(thresholds, size_known=unit != "px")

@@ -23,7 +23,12 @@ from foldcell.skills.perception.classify import Match, classify, polygon_iou
 from foldcell.skills.perception.outline import GarmentOutline, MemberOutline
 from foldcell.skills.perception.rectification.heights import garment_height
 from foldcell.skills.perception.rectification.table_view import TableView
-from foldcell.skills.perception.registration.accuracy import keypoint_sigmas, probability_within, with_shape
+from foldcell.skills.perception.registration.accuracy import (
+    in_photograph,
+    keypoint_sigmas,
+    probability_within,
+    with_shape,
+)
 from foldcell.skills.perception.registration.details.cloth_picture import ClothPicture
 from foldcell.skills.perception.registration.details.picture_refinement import refine_by_picture
 from foldcell.skills.perception.registration.register import Registration, register
@@ -432,6 +437,8 @@ def _judged(
         if isinstance(garment, MemberOutline):
             sigmas = with_shape(sigmas, garment, diagonal)
     confidence = probability_within(sigmas, within)
+    if not settings.size_known:
+        confidence = in_photograph(confidence)
     stages.notes |= {
         "iou": iou,
         "scale": match.scale,

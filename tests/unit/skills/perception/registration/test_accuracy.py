@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 
 from foldcell.skills.perception.outline import MemberOutline, resample_closed
-from foldcell.skills.perception.registration.accuracy import keypoint_sigmas, probability_within, with_shape
+from foldcell.skills.perception.registration.accuracy import (
+    in_photograph,
+    keypoint_sigmas,
+    probability_within,
+    with_shape,
+)
 from foldcell.skills.perception.registration.register import register
 from tests.builders.silhouettes import Silhouette
 from tests.scenes import TOWEL, TOWEL_NAMES
@@ -94,3 +99,9 @@ def test_a_fitted_shape_leaves_inward_corners_least_certain():
         scales = with_shape(dict.fromkeys(names, 0.001), member, 1.0)
         assert scales["armpit_left"] == scales["armpit_right"] > 1.5 * scales["hem_left"] > 0.003
         assert scales["cuff_right"] == scales["hem_left"]
+
+
+def test_a_photograph_of_unknown_scale_leaves_more_doubt():
+    worth = [in_photograph(p) for p in (0.0, 0.6, 0.75, 0.98, 1.0)]
+    assert worth == sorted(worth)
+    assert worth == pytest.approx([0.0, 0.48, 0.60, 0.91, 1.0], abs=0.01)
