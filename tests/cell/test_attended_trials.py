@@ -1,10 +1,9 @@
-"""A campaign with a person, at the robot's driver. A scripted person lays the garment and judges the fold. The
-program is killed while it waits for the verdict, and the campaign goes on later."""
+"""A campaign with a person. A scripted person lays the garment and judges the fold. The program is killed while it
+waits for the verdict, and the campaign goes on later."""
 
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -12,10 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.optional_parts import ROS
 from tests.runs import once_folded_towel
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(600), ROS.required]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
 ROOT = Path(__file__).parents[2]
 APPROVE, VERDICT = "then approve", "y if the garment is folded well"
@@ -25,7 +23,6 @@ def trials(*arguments: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
         [sys.executable, "-m", "foldcell.cell.commands.main", "trials", *arguments, "--json"],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT,
-        env={**os.environ, "ROS_MASTER_URI": "http://192.0.2.1:11311"},  # a robot that must not be contacted
     )  # fmt: skip
 
 
@@ -46,9 +43,7 @@ def asked(command: subprocess.Popen[str], answers: dict[str, str]) -> list[str]:
 
 def test_a_person_attends_a_campaign_and_judges_a_run_after_the_program_was_killed(tmp_path: Path) -> None:
     towel = once_folded_towel(tmp_path)
-    first = trials(
-        "--driver", "emulator", "--attended", "--garments", towel, "--n", "1", "--logs", str(tmp_path / "logs")
-    )
+    first = trials("--attended", "--garments", towel, "--n", "1", "--logs", str(tmp_path / "logs"))
     begin, lay, verdict = asked(first, {APPROVE: "a"})
     assert "run 1 of 1, small_towel" in begin and "lay the small_towel flat" in lay and "folded well" in verdict
     first.send_signal(signal.SIGKILL)
@@ -56,7 +51,7 @@ def test_a_person_attends_a_campaign_and_judges_a_run_after_the_program_was_kill
     (folder,) = (tmp_path / "logs").glob("trials-*")
     (stored,) = folder.glob("*/trial.json")
     before = json.loads(stored.read_text())
-    assert before["judgement"] is None and before["record"]["driver"] == "emulator"
+    assert before["judgement"] is None and before["record"]["driver"] == "sim"
     assert before["record"]["score"] is None, "the simulated truth does not judge beside the person"
     assert before["record"]["robot_time_s"] > 10.0
 
@@ -68,5 +63,5 @@ def test_a_person_attends_a_campaign_and_judges_a_run_after_the_program_was_kill
     (run,) = results["runs"]
     assert run["judgement"] == {"passed": False, "why": "the edges are apart"} and not run["success"]
     assert run["record"] == before["record"]
-    assert results["label"] == "simulated (emulator), judged by a person" and results["not_performed"] == []
+    assert results["label"] == "simulated, judged by a person" and results["not_performed"] == []
     assert results["label"] in (folder / "campaign.html").read_text()

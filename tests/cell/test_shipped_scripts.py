@@ -27,12 +27,10 @@ ROOT = Path(__file__).parents[2]
 SCRIPTS = ROOT / "tests" / "hil"
 IN_THE_TEST_OF_THE_COMMAND = {"no_garment", "abort_with_cloth_in_the_hands"}
 """Performed by test_hil_command.py: what nobody can mend, and an abort."""
-PART = {
-    "stop_in_mid_fold", "pause_in_mid_fold", "missed_grasp", "gripper_stuck", "camera_black",
-    "faults/joint_state_nan_for_good",
-}  # fmt: skip
-"""One script of each other kind of ending: a stop, a pause, a recovery to the end, a question that a person has to
-answer, an answer of the cell before anything moves, and a fault after which nothing may move."""
+PART = {"stop_in_mid_fold", "missed_grasp", "gripper_stuck", "camera_black", "faults/joint_state_nan_for_good"}
+"""One script of each other kind of ending: a stop, a recovery to the end, a question that a person has to answer,
+an answer of the cell before anything moves, and a fault after which nothing may move. A fold that is paused and
+goes on is in test_supervised_run.py."""
 ALL = sorted(
     str(path.relative_to(SCRIPTS).with_suffix(""))
     for path in SCRIPTS.rglob("*.yaml")

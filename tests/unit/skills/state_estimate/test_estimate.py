@@ -59,8 +59,20 @@ def test_a_completed_fold_is_recognised(fold, shift):
     assert "the fold is made" in describe(found)
 
 
-def test_hands_that_opened_half_way_are_recognised_with_the_moment(fold):
-    found = judged(fold, fold.interrupted({}, 0.6))
+@pytest.fixture(scope="module")
+def dropped(fold):
+    """A picture of the garment after the hands opened half way."""
+    return fold.shoot(fold.interrupted({}, 0.6))
+
+
+@pytest.fixture(scope="module")
+def found_dropped(fold, dropped):
+    return estimate(fold, dropped)
+
+
+def test_hands_that_opened_half_way_are_recognised_with_the_moment(found_dropped):
+    found = found_dropped
+    assert sum(found.probabilities.values()) == pytest.approx(1.0)
     assert found.state is FoldState.HALF_WAY and found.confidence > 0.8
     how = found.best.hypothesis.interruption
     assert not how.lost and 0.3 < how.end < 0.6  # in shares of the way, which lag behind those of the time
@@ -129,10 +141,9 @@ def test_a_hypothesis_is_moved_to_the_place_where_it_was_drawn(fold):
     assert back.misfit == pytest.approx(found.misfit, rel=0.5)
 
 
-def test_the_drawing_shows_each_state_that_has_a_candidate(fold):
-    frame = fold.shoot(fold.interrupted({}, 0.6))
-    seen = observe(frame, fold.calibration, TABLE, fold.reference).unwrap()
-    found = estimate(fold, frame)
+def test_the_drawing_shows_each_state_that_has_a_candidate(fold, dropped, found_dropped):
+    seen = observe(dropped, fold.calibration, TABLE, fold.reference).unwrap()
+    found = found_dropped
     picture = draw_estimate(seen, found.condensed())
     assert len(found.condensed().fits) == 3 and picture.dtype == np.uint8
     estimated, other = np.array([40, 220, 90]), np.array([255, 150, 40])
