@@ -1,10 +1,12 @@
 """Shoulders and ends of the collar of drawn shirts: the outline is smooth there; the whole edge shows them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from foldcell.skills.perception.outline import resample_closed, smooth_closed
-from foldcell.skills.perception.registration.details.upper_edge import _closed, locate_upper_edge
+from foldcell.skills.perception.registration.details.upper_edge import _closed, _Edge, _knots, locate_upper_edge
 from foldcell.skills.plane import rotation
 
 HALF = {"hem": (0.0, -0.24), "armpit": (0.44, -0.25), "cuff_lower": (0.40, -0.36)}
@@ -55,6 +57,15 @@ def test_a_smooth_edge_leaves_the_shoulder_less_certain_than_one_that_bends():
     straight = (0.635 - 0.045 / 0.13 * 0.22, -0.44)  # on the line of the shoulder's seam
     smooth = located(*shirt(cuff=straight, rounded=0.004))["shoulder_left"][1]
     assert smooth > 1.1 * bent
+
+
+def test_on_an_edge_without_bends_the_seams_tell_where_the_collar_ends():
+    b = np.linspace(-0.6, 0.6, 151)
+    unseen = _Edge(1.0 - 0.4 * np.sqrt(b**2 + 0.01), b, 0.6, 0.32, np.array([0.7, 0.6]), 0.0, None, None)
+    _, usual, _ = _knots(unseen)
+    _, places, _ = _knots(replace(unseen, seams=(0.0, 0.28, 0.02)))
+    assert places[1] == pytest.approx([0.28, -0.28], abs=0.01)
+    assert places[0, 0] > usual[0, 0] + 0.01 and places[0, 1] < usual[0, 1] - 0.01
 
 
 def test_an_edge_without_room_for_shoulders_yields_nothing():
