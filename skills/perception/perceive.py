@@ -47,7 +47,7 @@ from foldcell.skills.perception.segmentation.photograph import propose_cut_off, 
 from foldcell.skills.perception.segmentation.surroundings import printed_on_ground
 from foldcell.skills.perception.settings import MIN_SEGMENTATION, PerceptionSettings
 from foldcell.skills.perception.silhouette import segmentations
-from foldcell.skills.perception.usable_region import adjoined, touches_border, unusable
+from foldcell.skills.perception.usable_region import adjoined, small_rectangle, touches_border, unusable
 from foldcell.skills.perception.views import Views, open_views
 from foldcell.skills.vocabulary import (
     CameraCalibration,
@@ -395,9 +395,10 @@ def _perceive_region(
     if not near:
         return judged_as[best.garment.category]
     first, *others = sorted(near, key=lambda name: likeness(rivals[name]), reverse=True)
+    small = small_rectangle(len(judged_as[first].places), segmentation, views.seen)
     if others and likeness(rivals[others[0]]) > likeness(rivals[first]) - TOO_NEAR:
         return look(either(rivals[first], rivals[others[0]]), judged_as[first].places)
-    return judged_as[first]
+    return look(small) if small is not None else judged_as[first]
 
 
 def _judged(

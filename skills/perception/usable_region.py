@@ -15,7 +15,7 @@ from foldcell.skills.perception.segmentation.surroundings import MOST_FOREIGN, f
 from foldcell.skills.perception.settings import LITTER_SHARE, MIN_SEGMENTATION, VIEW_BORDER, PerceptionSettings
 from foldcell.skills.vocabulary import Failure, FailureKind
 
-__all__ = ["adjoined", "intrusion", "nothing_whole", "touches_border", "unusable"]
+__all__ = ["adjoined", "intrusion", "nothing_whole", "small_rectangle", "touches_border", "unusable"]
 
 INTRUDER_SHARE = 0.02
 """Maximum area of objects that reach into the picture from its edge, relative to the area of the garment."""
@@ -25,6 +25,8 @@ RIVAL_SHARE = 0.5
 LEAST_SHARE, LEAST_CUT = 0.03, 0.10
 """Least area of a garment in a photograph, and of one that the edge of the picture cuts off, relative to the
 picture. Smaller things at the edge are other things."""
+LEAST_RECTANGLE = 0.10
+"""Least area of a rectangle that is taken for a towel in a photograph without a name, relative to the picture."""
 MOST_EDGE = 0.35
 """More than this share of the outline of a part of the ground runs along the edge of the picture."""
 SLENDER = 15.0
@@ -154,6 +156,20 @@ def adjoined(segmentation: Segmentation, seen: RectifiedView, view: TableView) -
         "print or a part of the garment",
         "lay the garment on a ground of another colour, with nothing beside it",
         {"foreign_share": share},
+    )
+
+
+def small_rectangle(corners: int, segmentation: Segmentation, seen: RectifiedView) -> Failure | None:
+    """Return UNKNOWN_GARMENT for a small rectangle in a photograph without a name, else None: prints and sheets of
+    paper are such. corners: number of key points."""
+    share = float(np.count_nonzero(segmentation.mask) / np.count_nonzero(seen.valid))
+    if corners != 4 or share >= LEAST_RECTANGLE:
+        return None
+    return Failure(
+        FailureKind.UNKNOWN_GARMENT,
+        f"a rectangle on {share:.0%} of the picture may be a print, or a sheet of paper",
+        "name the garment, or take the picture from nearer",
+        {"area_share": share},
     )
 
 

@@ -66,6 +66,14 @@ def test_cloth_whose_edges_rise_is_no_print_on_the_ground() -> None:
     assert failure is not None and failure.kind is FailureKind.NOT_FLAT
 
 
+def test_a_small_rectangle_is_a_towel_only_if_it_is_named() -> None:
+    small = np.array([[220, 150], [400, 155], [397, 278], [218, 272]])
+    picture = photograph((small, BLUE), relief=0.5)
+    assert foldcell.perceive(picture, garment="medium_towel", unit="px").category == "towel"
+    failure = foldcell.perceive(picture, unit="px").failure
+    assert failure is not None and "may be a print" in failure.what
+
+
 FITTED, MISFIT, CUT = (
     Failure(kind, kind) for kind in (FailureKind.LOW_CONFIDENCE, FailureKind.NOT_FLAT, FailureKind.OUT_OF_VIEW)
 )
