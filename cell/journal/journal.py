@@ -246,10 +246,10 @@ class Journal:
             f"'{name}' is the beginning of {len(found)} runs", "for example " + ", ".join(r.id for r in found[:5])
         )
 
-    def entries(self, run: str, kind: str | None = None) -> list[Entry]:
-        """Return all entries of a run in order, or only the entries of one kind."""
+    def entries(self, run: str) -> list[Entry]:
+        """Return all entries of a run in order."""
         rows = self._read("SELECT * FROM events WHERE run = ? ORDER BY sequence", (run,))
-        return [self._entry(row) for row in rows if kind is None or row["kind"] == kind]
+        return [self._entry(row) for row in rows]
 
     def named(self, name: str) -> list[tuple[str, Entry]]:
         """Return (run id, entry) for all entries with this name, in the order in which the runs began."""

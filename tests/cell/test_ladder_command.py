@@ -11,7 +11,7 @@ from foldcell.cell.calibrating.session import CalibrationRequest
 from foldcell.cell.campaigns.ladder.climb import Passes, climb
 from foldcell.cell.campaigns.ladder.steps import STEPS
 from foldcell.cell.config.cell_settings import load_settings
-from foldcell.cell.journal.journal import Journal
+from foldcell.cell.journal.journal import Journal, performed
 from foldcell.cell.support.files.paths import journal_path
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
@@ -27,5 +27,6 @@ def test_the_simulated_cell_passes_the_steps_of_the_ladder(tmp_path: Path) -> No
     with Journal.open(journal_path(tmp_path), readonly=True) as journal:
         run = journal.run("last")
         assert (run.garment, run.result) == ("ladder", "done")
-        assert [entry.name for entry in journal.entries(run.id, "intent")] == [step.name for step in steps]
-        assert {entry.payload["event"] for entry in journal.entries(run.id, "result")} == {"done"}
+        effects = performed(journal.entries(run.id))
+        assert [effect.name for effect in effects] == [step.name for step in steps]
+        assert {effect.result and effect.result.payload["event"] for effect in effects} == {"done"}

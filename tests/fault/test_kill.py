@@ -137,7 +137,7 @@ def test_child_processes_end_with_the_killed_run(killed: dict[str, Any]) -> None
 
 
 def test_the_next_run_can_open_the_cell(killed: dict[str, Any]) -> None:
-    request = fold_request(killed["folder"])
+    request = fold_request(killed["folder"], {**PLAIN, "recovery": {"patience": 0.0}})
     assert request.logs == killed["logs"]
     onlooker = Onlooker()
     result = onlooker.fold(request, lambda ports: onlooker.inject(Fault(FaultKind.NO_GARMENT)))

@@ -126,8 +126,9 @@ class History:
             key, folder, garment, seed, driver, status, started, ending, record, **{"damage": damage, **more}
         )
 
-    def _unlisted(self, folder: Path, campaign: str, damage: str = "the journal has no such run") -> RunEntry:
+    def _unlisted(self, folder: Path, campaign: str) -> RunEntry:
         """Return the entry of a run whose folder is in no journal, with its record if the record can be read."""
+        damage = "the journal has no such run"
         record: RunRecord | None = self._unchanged(folder / RECORD, lambda: _record(folder))
         if record is None:
             return self._entry(

@@ -81,7 +81,6 @@ def endure(
     hours: float,
     runs_each: int | None,
     report: Callable[[EnduranceRun], None],
-    clock: Callable[[], float] = time.monotonic,
 ) -> list[EnduranceRun]:
     """Perform runs one after the other until `hours` have passed. Returns them. Each run is appended to SAMPLES
     when it has ended.
@@ -89,12 +88,12 @@ def endure(
     runs_each: a worker process is replaced after this number of runs; None: one process performs all runs. A
     process that dies is replaced. No recordings are kept.
     """
-    until = clock() + 3600.0 * hours
+    until = time.monotonic() + 3600.0 * hours
     runs: list[EnduranceRun] = []
     work = functools.partial(_measured, str(folder))
     # runs_each None: the process is replaced after a number of runs that is never reached
     with worker_pool(1, runs_each or 10**9) as pool, (folder / SAMPLES).open("a", encoding="utf-8") as samples:
-        while clock() < until:
+        while time.monotonic() < until:
             request = next(requests)
             try:
                 run = pool.submit(work, request).result()

@@ -26,19 +26,13 @@ def described(trial: Trial) -> str:
 
 class CampaignProgress:
     """Formats the progress of a campaign. total: number of runs; finished: number of runs that were made earlier;
-    workers: number of runs performed in parallel. describe: returns the text about one run. clock: returns the
-    time [s]."""
+    workers: number of runs performed in parallel. describe: returns the text about one run."""
 
     def __init__(
-        self,
-        total: int,
-        finished: int,
-        workers: int,
-        describe: Callable[[Trial], str] = described,
-        clock: Callable[[], float] = time.monotonic,
+        self, total: int, finished: int, workers: int, describe: Callable[[Trial], str] = described
     ) -> None:
         self._total, self._finished, self._workers, self._describe = total, finished, workers, describe
-        self._clock, self._began, self._done = clock, clock(), 0
+        self._began, self._done = time.monotonic(), 0
 
     def line(self, trial: Trial) -> str:
         """Return the line for a run that has just finished."""
@@ -51,7 +45,7 @@ class CampaignProgress:
         finished as there are workers."""
         if runs <= 0 or self._done < self._workers:
             return ""
-        left = (self._clock() - self._began) / self._done * runs
+        left = (time.monotonic() - self._began) / self._done * runs
         minutes = round(left / 60.0)
         if left < 90.0:
             return f"  {left:.0f} s left"

@@ -47,12 +47,11 @@ def ideal_heights(
     nominal: Garment,
     lines: Sequence[FoldLine],
     settle_s: float | Sequence[float] = SETTLE_S,
-    go_on: Callable[[], None] = lambda: None,
 ) -> IdealHeights:
     """Make the ideal fold of a garment about `lines` (table frame) and measure its heights. nominal: the garment's
-    file; settle_s, go_on: as for `ideal_folds`. A fold that cannot be simulated has a flaw."""
+    file; settle_s: as for `ideal_folds`. A fold that cannot be simulated has a flaw."""
     try:
-        return ideal_of(garment, nominal, lines, settle_s, go_on)[1]
+        return ideal_of(garment, nominal, lines, settle_s)[1]
     except CellError as e:
         return _impossible(e)
 
@@ -65,7 +64,7 @@ def ideal_of(
     go_on: Callable[[], None] = lambda: None,
 ) -> tuple[tuple[IdealFold, ...], IdealHeights]:
     """Make the ideal fold like `ideal_heights`. Return all folds, in the garment's own frame, and the heights of
-    the last one. Raises the errors of `ideal_folds`.
+    the last one. go_on: as for `ideal_folds`, whose errors it raises.
 
     A fold is made again, with slower turns, if it has a flaw, or if its own shape does not pass the score: creases
     of stiff cloth that lie on each other can push the layers aside.

@@ -30,7 +30,7 @@ from foldcell.cell.hardware.assembly import assemble
 from foldcell.cell.hardware.camera import camera_calibration
 from foldcell.cell.hardware.robot_model import load_robot
 from foldcell.cell.hardware.workcell import Workcell
-from foldcell.cell.journal.journal import Journal, RunJournal
+from foldcell.cell.journal.journal import Journal, RunJournal, performed
 from foldcell.cell.support.files.paths import journal_path
 from foldcell.robots.errors import ConfigurationError, FailureKind
 from foldcell.robots.ports import Arms, JointSetpoint, JointState, Ports, Side, arm_slice
@@ -98,10 +98,9 @@ def test_the_table_is_found_to_a_millimetre_and_the_settings_read_its_file(
     with Journal.open(journal_path(tmp_path), readonly=True) as journal:
         run = journal.run("last")
         assert run.result == "done" and run.summary["points"] == 3
-        intents = journal.entries(run.id, "intent")
-        answered = {e.answers for e in journal.entries(run.id, "result")}
-    assert [e.name for e in intents] == ["prepare", "touch", "touch", "touch", "make_safe"]
-    assert answered == {e.sequence for e in intents}
+        effects = performed(journal.entries(run.id))
+    assert [e.name for e in effects] == ["prepare", "touch", "touch", "touch", "make_safe"]
+    assert all(e.result is not None for e in effects)
 
 
 @pytest.mark.parametrize(("believed", "kind"), [(-0.055, "no_contact"), (-0.145, "low_confidence")])
@@ -129,8 +128,8 @@ def test_a_stop_ends_a_calibration_immediately(tmp_path: Path) -> None:
     assert end.value is None and end.failure and end.failure.kind is FailureKind.STOPPED
     assert end.result == "not_done" and end.safe and end.exit_code == 2
     with Journal.open(journal_path(tmp_path), readonly=True) as journal:
-        last = journal.entries(journal.run("last").id, "result")[-1]
-    assert last.name == "make_safe" and last.payload["event"] == "held"
+        last = performed(journal.entries(journal.run("last").id))[-1]
+    assert last.name == "make_safe" and last.result and last.result.payload["event"] == "held"
 
 
 def test_a_procedure_gets_refused_plans_and_no_other_failures(tmp_path: Path) -> None:
@@ -163,7 +162,8 @@ def test_a_procedure_that_breaks_leaves_the_cell_safe(tmp_path: Path) -> None:
     assert end.result == "fault" and end.exit_code == 3 and end.safe
     with Journal.open(journal_path(tmp_path), readonly=True) as journal:
         run = journal.run("last")
-        assert [e.name for e in journal.entries(run.id, "result")] == ["prepare", "grip", "make_safe"]
+        effects = performed(journal.entries(run.id))
+        assert [e.name for e in effects if e.result] == ["prepare", "grip", "make_safe"]
 
 
 def test_losing_the_journal_ends_a_calibration_with_the_arms_held(

@@ -101,7 +101,7 @@ class Rig:
         return perform
 
     def entries(self, kind: str | None = None) -> list[Any]:
-        return self.journal.entries(self.journal_file.id, kind)
+        return [e for e in self.journal.entries(self.journal_file.id) if kind in (None, e.kind)]
 
     def transitions(self) -> list[tuple[str, str]]:
         return [(e.name, e.state) for e in self.entries("event")]

@@ -15,7 +15,7 @@ from benchmarks.score_matrix import KINDS, IdealGarment, drawn_garment, ideal_ga
 from foldcell.cell.config.garments.garment_file import load_garment
 from foldcell.cell.simulation.garment.cloth_body import solver_settings
 from foldcell.cell.simulation.scoring.ground_truth_recorder import GroundTruthRecorder
-from foldcell.cell.simulation.scoring.ideal import BackgroundIdeal, flaw_of, ideal_heights
+from foldcell.cell.simulation.scoring.ideal import BackgroundIdeal, flaw_of, ideal_heights, ideal_of
 from foldcell.cell.simulation.truth import GarmentTruth
 from foldcell.cell.view.recorder import Recorder
 from foldcell.skills.fold_plan.ideal_fold import SETTLE_S, IdealFold, ideal_folds
@@ -170,7 +170,7 @@ def test_a_cancelled_computation_ends() -> None:
     background = BackgroundIdeal(garment, lambda: plan(garment))
     background.cancel()
     with pytest.raises(ZeroDivisionError):
-        ideal_heights(garment, plan(garment), ways(garment)[0], go_on=lambda: 1 // 0)
+        ideal_of(garment, plan(garment), ways(garment)[0], go_on=lambda: 1 // 0)
 
 
 # --- the recorder --------------------------------------------------------------------------------------
