@@ -92,6 +92,7 @@ def _seen_folds(context: RunContext, plan: Plan, attempt: Attempt, settings: Ins
         (*(name for name, seen in refused if lasting_defect(seen, steps[name], settings) is not None), *distorted),
         tuple(note.name for note in folds if note.hidden or note.attempt.disturbed),
         tuple(note.inspected for note in context.done if note.inspected),
+        bool(context.repairs) or any(note.anew or note.hidden or note.attempt.disturbed for note in folds),
     )
 
 

@@ -356,6 +356,21 @@ def test_a_claim_knows_which_folds_are_hidden(monkeypatch: pytest.MonkeyPatch) -
     assert doubted.reliability == pytest.approx(0.95 * known.reliability)
 
 
+@pytest.mark.parametrize("disturbance", ["", "repaired", "seen anew", "laid back on"])
+def test_a_claim_knows_whether_the_garment_was_disturbed(
+    disturbance: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The same height is near enough to its limit to be doubted after a disturbance only."""
+    look(monkeypatch, seen(target=as_seen(0.0128)))
+    context = last_fold(interrupted=disturbance == "laid back on")
+    if disturbance == "seen anew":
+        context.done[0].anew = context.done[0].attempt.inspection = seen()
+    context = context_with(context, repairs=((1, "undone"),) if disturbance == "repaired" else ())
+    claim = inspect_fold(fake_workcell(FakeCell()), context).context.claim()
+    assert claim is not None and 2 / 3 < claim.probable_flat < 0.9
+    assert claim.flat is (not disturbance)
+
+
 def test_a_claim_knows_how_far_off_the_earlier_folds_were(monkeypatch: pytest.MonkeyPatch) -> None:
     look(monkeypatch, seen(target=as_seen(0.011)))
     near, off = last_fold(), last_fold()

@@ -91,6 +91,16 @@ def test_the_claim_that_a_fold_is_far_too_high_is_reliable() -> None:
 
 @pytest.mark.parametrize(
     ("changes", "words"),
+    [({"aligned": 0.920}, "good with a probability of 0."), ({"height": 0.0183}, "flat with a probability of 0.")],
+)
+def test_after_a_disturbance_a_claim_has_to_be_surer(changes: dict[str, Any], words: str) -> None:
+    usual, after = (claimed(**changes, folds=SeenFolds(disturbed=disturbed)) for disturbed in (False, True))
+    assert usual.holds and 2 / 3 < usual.reliability < 0.9
+    assert not after.holds and words in after.says and claimed(folds=SeenFolds(disturbed=True)).holds
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
     [
         ({"iou": 0.86}, "overlap with the plan is 0.86 (at least 0.90)"),
         ({"moved": Displacement(0.062, 0.0)}, "62 mm from where it was laid (at most 50 mm)"),
