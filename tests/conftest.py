@@ -50,9 +50,13 @@ COMPUTES_CLOTH = (
 )
 COMPILES = ("cell/operator/progress/test_compiling.py",)
 DRAWS_PICTURES = (
+    "benchmarks/test_photographs.py",
+    "benchmarks/test_real_photographs.py",
     "cell/commands/test_perceive_command.py",
     "cell/config/test_new_garment.py",
     "cell/hardware/test_own_picture.py",
+    "cell/report/test_film.py",
+    "cell/report/test_report.py",
     "cell/simulation/test_camera_sensor.py",
     "foldcell/test_api_perceive.py",
     "skills/perception",
@@ -61,9 +65,20 @@ DRAWS_PICTURES = (
 PLANS_MOTIONS = (
     "calibration/test_hand_eye.py",
     "cell/calibrating",
+    "cell/campaigns/ladder",
+    "cell/commands/test_absurd_cells.py",
+    "cell/commands/test_robot_commands.py",
     "cell/control/test_trajectory_motion.py",
+    "cell/hardware/test_camera_place.py",
+    "cell/hardware/test_driver_contract.py",
     "robots/test_robot_models.py",
     "skills/motion/test_fold_motion.py",
+    "skills/motion/test_timing.py",
+)
+PERFORMS_MANY_RUNS = (
+    "cell/campaigns/trials/test_perform_trial.py",
+    "cell/commands/test_fault_trials_command.py",
+    "cell/executive/test_random_runs.py",
 )
 DRAWS_MANY_READINGS = (
     "calibration/test_camera_calibration.py",
@@ -73,8 +88,14 @@ DRAWS_MANY_READINGS = (
     "skills/grasping/test_slip_release.py",
 )
 STARTS_PROGRAMS = (
+    "benchmarks/test_kill_points.py",
+    "benchmarks/test_planted_faults.py",
+    "benchmarks/test_random_cases.py",
+    "benchmarks/test_start.py",
     "cell/campaigns/test_perform_campaign.py",
     "cell/commands/test_cli.py",
+    "cell/commands/test_dashboard_command.py",
+    "cell/commands/test_doctor.py",
     "cell/operator/console/test_console.py",
     "cell/operator/console/test_page.py",
     "cell/operator/key_points/test_key_point_page.py",
@@ -91,6 +112,7 @@ LONG = tuple(
         COMPILES,
         DRAWS_PICTURES,
         PLANS_MOTIONS,
+        PERFORMS_MANY_RUNS,
         DRAWS_MANY_READINGS,
         STARTS_PROGRAMS,
     )
