@@ -21,11 +21,11 @@ pytestmark = [
 ]
 
 SCRIPT = """
-about: the stop is pressed while the arms are on their way to the garment
+about: the stop is pressed while the fold is under way
 garment: small_towel
 seed: 1
 do:
-  - when: {state: approaching, after_s: 0.5}
+  - when: {state: folding, after_s: 0.5}
     stop: the button
 expect:
   end: stopped
