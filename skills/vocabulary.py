@@ -247,7 +247,8 @@ class Grasp:
     height: float
 
     def whole_stack(self, thickness: float) -> bool:
-        """Whether the grasp holds all layers down to the table. thickness: of a layer, as stated [m]."""
+        """Whether the grasp holds all layers down to the table. thickness: of a layer, as in the plan of the
+        grasp [m]."""
         return self.height < (self.layers + 0.5) * thickness
 
 

@@ -116,11 +116,13 @@ def plan_arms(
     rng: np.random.Generator,
     avoid: Sequence[Mapping[Side, Posture]] = (),
     upright: bool = False,
+    layer: float | None = None,
 ) -> Outcome[FoldMotion]:
     """Plan the motion of both arms for a step along tool paths, from q_now (joints,) at rest. upright: first try
-    hands that are upright at the grasp, as if layers were to stay. The failures are those of
-    `plan_hands_motion`."""
-    layers_stay = upright or not all(g.whole_stack(garment.material.thickness) for g in step.grasps.values())
+    hands that are upright at the grasp, as if layers were to stay. layer: thickness with which the step was
+    planned [m]; None: the stated one. The failures are those of `plan_hands_motion`."""
+    thickness = garment.material.thickness if layer is None else layer
+    layers_stay = upright or not all(g.whole_stack(thickness) for g in step.grasps.values())
     return plan_hands_motion(
         model, checker, settings.table, paths, q_now, limits=limits,
         tool_speed=tool_speed(settings, garment), approach_height=settings.motion.approach_height,

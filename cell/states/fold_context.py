@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from foldcell.cell.states.plan_edit import PlanEdit
 from foldcell.cell.states.recovery_table import Adjustment
-from foldcell.cell.states.stages import Attempt, FoldNote, Repair, Spread
+from foldcell.cell.states.stages import Attempt, FoldNote, Plan, Repair, Spread
 from foldcell.robots.errors import FailureKind
 from foldcell.robots.ports import ArmTrajectory, Side
 from foldcell.skills.fold_plan.repair import RepairGoal
@@ -73,6 +73,10 @@ class FoldContext:
     def arcs(self) -> GraspTrajectory | None:
         """The arcs of the next motion: the arcs of the repair or pull in progress, else of the fold."""
         return self.trajectory if self.repair is None else self.repair.trajectory
+
+    def planned_layer(self, plan: Plan) -> float:
+        """Return the thickness of a layer from which the heights of the next grasps follow [m]."""
+        return self.repair.plan.thickness if isinstance(self.repair, Repair) else plan.garment.material.thickness
 
     @property
     def carried(self) -> bool:

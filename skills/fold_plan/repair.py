@@ -84,13 +84,19 @@ class RepairPlan:
 
 
 def plan_repair(
-    goal: RepairGoal, mesh: ClothMesh, before: Array, now: Array, step: FoldStep, thickness: float
+    goal: RepairGoal,
+    mesh: ClothMesh,
+    before: Array,
+    now: Array,
+    step: FoldStep,
+    thickness: float,
+    stated: float | None = None,
 ) -> Outcome[RepairPlan]:
     """Plan the repair of a fold that is half made.
 
     before, now: (n, 3) believed vertices before the fold and now, table frame [m]. step: the fold. If the garment
-    was displaced as a whole, `before` and `step` are displaced in the same way. thickness: of a layer [m]. Only
-    the hands whose cloth is MISPLACED take part.
+    was displaced as a whole, `before` and `step` are displaced in the same way. thickness: of a layer [m];
+    stated: the one with which the step was planned, if another. Only the hands whose cloth is MISPLACED take part.
 
     Fails with HALF_FOLDED if the cloth of no grasp is misplaced, or if misplaced cloth lies under other cloth or
     is rumpled.
@@ -101,7 +107,7 @@ def plan_repair(
     patches: dict[GraspId, Patch] = {}
     for grasp_id, grasp in step.grasps.items():
         place, heading, smooth = locate_grasp(before, now, grasp)
-        target = _target(goal, step, grasp_id, thickness)
+        target = _target(goal, step, grasp_id, thickness, stated or thickness)
         if float(np.linalg.norm(place[:2] - target[:2])) < MISPLACED[goal]:
             continue
         top = float(place[2]) + 0.5 * grasp.layers * thickness
@@ -150,12 +156,12 @@ def _shifted(step: FoldStep, shifts: Mapping[GraspId, Array]) -> FoldStep:
     return replace(step, grasps=grasps, targets=targets)
 
 
-def _target(goal: RepairGoal, step: FoldStep, grasp_id: GraspId, thickness: float) -> Array:
+def _target(goal: RepairGoal, step: FoldStep, grasp_id: GraspId, thickness: float, stated: float) -> Array:
     """Return where a hand releases its cloth (3,) [m]."""
     if goal is RepairGoal.COMPLETE:
         return step.targets[grasp_id]
     grasp = step.grasps[grasp_id]
-    below = max(grasp.height - grasp.layers * thickness, 0.0)
+    below = max(grasp.height / stated - grasp.layers, 0.0) * thickness
     return frozen(np.append(grasp.point, below + RELEASE_CLEARANCE))
 
 

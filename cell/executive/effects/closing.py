@@ -26,6 +26,8 @@ __all__ = ["UpperLayers", "close_and_confirm"]
 
 REGRIPS = 4
 """Largest number of times that a hand closes again in one grasp."""
+NO_LOWER = 0.0001
+"""A hand within this of its least height is not lowered again [m]."""
 _MISCOUNTED = frozenset({FailureKind.MISSED_GRASP, FailureKind.MISSED_LAYER})
 
 
@@ -48,7 +50,8 @@ class UpperLayers:
             layers = min(layers, planned - 1)
         grips = self.grips[side] = (*self.grips.get(side, ()), Grip(self.stands(side), layers))
         height = next_height(grips, planned, self.thickness) if len(grips) <= REGRIPS else None
-        if height is None or max(height, grips[-1].height) < self.lowest[side]:
+        at_bottom = grips[-1].height < self.lowest[side] + NO_LOWER
+        if height is None or (height <= self.lowest[side] and at_bottom):
             refuse(failure)
         assert height is not None
         return max(height, self.lowest[side])

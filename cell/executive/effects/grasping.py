@@ -75,7 +75,7 @@ def grasp(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt) -> 
     fold = replace(fold, biases=biases, touched=True)
     context = replace(context, fold=fold)
     lowering: dict[Side, Lowering] = {}
-    stated = _planned_layer(fold, plan)
+    stated = fold.planned_layer(plan)
     contacts = context.need(_descend(cell, attempt, fold, settings, lowering, stated))
     monitor = FingertipForceMonitor(cell.hands, fold.biases)
     # tips that are pushed into the upper layers would take the layers below them, too
@@ -258,17 +258,12 @@ def _upper_layers(
     return UpperLayers(stands, move, lowest, thickness)
 
 
-def _planned_layer(fold: FoldContext, plan: Plan) -> float:
-    """Return the thickness of a layer with which the heights of the grasps were planned [m]."""
-    return fold.repair.plan.thickness if isinstance(fold.repair, Repair) else plan.garment.material.thickness
-
-
 def _layer_thickness(context: RunContext, garment: Garment, settings: GraspSettings) -> tuple[float, float]:
     """Return the thickness of a layer between the pads [m] and its relative error. It was measured in an earlier
-    fold of this run, or before the repair of this one. If not, it is the value of the garment's file, with the
+    fold of this run, or for a repair also in this one. If not, it is the value of the garment's file, with the
     spread of the class of fabrics."""
     if isinstance(context.fold.repair, Repair) and context.measured_layer is not None:
-        return context.fold.repair.plan.thickness, LEARNED_ERROR
+        return garment.thickness_of(context.measured_layer), LEARNED_ERROR
     if context.layer_thickness is not None:
         return context.layer_thickness, LEARNED_ERROR
     stated = garment.material.thickness

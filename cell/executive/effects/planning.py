@@ -207,7 +207,7 @@ def plan_motion(cell: Workcell, context: RunContext, plan: Plan, trajectory: Gra
         cell.settings.computing.motion_s,
         lambda: plan_arms(
             cell.settings, cell.robot, cell.checker, cell.limits, plan.garment, step, paths, q_now,
-            search_rng(cell.rng(), searches), avoid, fold.count(Adjustment.UPRIGHT) > 0,
+            search_rng(cell.rng(), searches), avoid, fold.count(Adjustment.UPRIGHT) > 0, fold.planned_layer(plan),
         ),
     )  # fmt: skip
     motion = context.need(planned)

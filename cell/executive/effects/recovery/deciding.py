@@ -90,8 +90,8 @@ def _hint(cell: Workcell, context: RunContext, failed: Failure) -> str:
     grasped_amiss = failed.kind in {FailureKind.MISSED_GRASP, FailureKind.MISSED_LAYER}
     if not (failed.hint and grasped_amiss and plan and attempt):
         return failed.hint
-    stated = plan.garment.material.thickness
-    whole_stack = all(grasp.whole_stack(stated) for grasp in attempt.step.grasps.values())
+    layer = context.fold.planned_layer(plan)
+    whole_stack = all(grasp.whole_stack(layer) for grasp in attempt.step.grasps.values())
     return grasping_hint(failed, cell.settings, whole_stack)
 
 

@@ -66,7 +66,9 @@ def choose_repair(cell: Workcell, context: RunContext, plan: Plan, attempt: Atte
     ways: list[_Candidate] = []
     refused: Failure | None = None
     for words, held in ways_to_hold(step):
-        plans = {goal: plan_repair(goal, plan.mesh, before, now, held, thickness) for goal in aims}
+        plans = {
+            g: plan_repair(g, plan.mesh, before, now, held, thickness, fold.planned_layer(plan)) for g in aims
+        }
         refused = refused or plans[RepairGoal.UNDO].failure
         new = [
             _Candidate(planned.value, _trajectory(cell, plan, controls), aims[goal], words)

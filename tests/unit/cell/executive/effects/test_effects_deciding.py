@@ -19,6 +19,7 @@ from foldcell.cell.executive.effects.recovery.deciding import ask_approval, ask_
 from foldcell.cell.record.words import recovery_in_words
 from foldcell.cell.states.recovery_table import RECOVERIES, Adjustment
 from foldcell.cell.states.run_context import RunContext
+from foldcell.cell.states.stages import Repair
 from foldcell.cell.states.transition_table import TRANSITIONS, Effect, Event, State
 from foldcell.robots.errors import Failure, FailureKind
 from foldcell.robots.ports import Side
@@ -181,12 +182,23 @@ def test_the_recoveries_of_a_failure_are_used_in_order_until_a_person_is_asked()
 
 
 @pytest.mark.parametrize(
-    ("layers", "decided"), [(2, "0.35` in cell.yaml;"), (1, "or a lower `table.height: -0.1`")]
+    ("layers", "repaired", "decided"),
+    [
+        (2, None, "0.35` in cell.yaml;"),
+        (1, None, "or a lower `table.height: -0.1`"),
+        (2, 0.0013, "or a lower `table.height: -0.1`"),
+    ],
 )
-def test_a_question_about_a_grasp_names_the_settings_that_would_change_it(layers: int, decided: str) -> None:
-    """Hands that take two layers of two take the whole stack, so the touch alone decides how low they close."""
+def test_a_question_about_a_grasp_names_the_settings_that_would_change_it(
+    layers: int, repaired: float | None, decided: str
+) -> None:
+    """Hands that take two layers of two take the whole stack, so the touch alone decides how low they close.
+    repaired: thickness of a layer with which a repair was planned [m]; 4 mm are then three layers."""
     step = SimpleNamespace(name="half", grasps={"left": Grasp(np.zeros(2), 0.0, layers, 0.004)})
     context = context_with(SEEN, steps=(step,), tool_speed=0.3, recoveries=((0, "slipped -> grasp_again"),) * 6)
+    if repaired:
+        plan, nothing = SimpleNamespace(thickness=repaired), SimpleNamespace(ended=lambda _: None)
+        context = context_with(context, repair=Repair(plan, nothing, nothing, nothing, nothing, nothing))
     missed = Failure(K.MISSED_GRASP, "the left pads feel no cloth", "grasp lower or further in", {"force_n": 0.0})
     result = choose_next(fake_workcell(FakeCell()), context.with_failure(missed))
     failure = result.context.failure

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -18,6 +18,7 @@ from foldcell.cell.hardware.workcell import Workcell
 from foldcell.cell.states.fold_context import FoldContext
 from foldcell.cell.states.recovery_table import Adjustment
 from foldcell.cell.states.run_context import RunContext
+from foldcell.cell.states.stages import Repair
 from foldcell.cell.states.transition_table import Effect, Event
 from foldcell.robots.baxter.ros.electric_gripper import FULL_FORCE
 from foldcell.robots.errors import Failure, FailureKind
@@ -186,6 +187,22 @@ def test_a_grasp_of_the_whole_stack_may_hold_more_layers_whatever_their_learned_
     for hand in both.values():
         hand.between = (LAYERS + 1) * thin
     assert EFFECTS[Effect.GRASP](work, replace(context, layer_thickness=thin)).event is Event.DONE
+
+
+def test_a_second_grasp_of_a_repair_counts_with_the_thickness_that_the_first_has_measured(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The repair was planned before any layer was measured, so with the stated thickness."""
+    _, work, context, _ = over_cloth(monkeypatch)
+    garment: Any = context.plan.garment
+    garment.thickness_of = lambda measured: LAYER if measured is None else max(measured, 0.7 * LAYER)
+    plan, nothing = cast("Any", SimpleNamespace(thickness=LAYER)), cast("Any", None)
+    context = context_with(context, repair=Repair(plan, nothing, nothing, nothing, nothing, nothing))
+    settings = grasping.grip_settings(work, context.fold)
+    assert grasping._layer_thickness(context, garment, settings) == (LAYER, settings.thickness_error)
+    context = context_with(context, layer_thickness=0.6 * LAYER)
+    counted = grasping._layer_thickness(context, garment, settings)
+    assert counted == (0.7 * LAYER, grasping.LEARNED_ERROR), "no thinner than the class"
 
 
 def test_pads_that_do_not_move_are_a_fault_of_the_gripper(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -403,6 +420,18 @@ def told(hand: Any) -> list[tuple[float, float]]:
     """Return the commanded openings when they change."""
     heard = hand.heard
     return [heard[0], *(b for a, b in itertools.pairwise(heard) if a[1] != b[1])]
+
+
+def test_a_hand_that_holds_nothing_at_its_lowest_height_closes_there_only_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    _, work, context, _ = in_stack(monkeypatch, 0.0)
+    monkeypatch.setattr(InStack, "between", property(lambda hand: 0.0, lambda hand, _: None))
+    result = EFFECTS[Effect.GRASP](work, context)
+    assert result.event is Event.FAILED and result.context.failure.kind is K.MISSED_GRASP
+    heights = [h for h, _ in result.record["held_before"]["left"]]  # type: ignore[index]
+    assert heights[-1] == pytest.approx(grasping.LOWEST * LAYER, abs=1e-4), "it has tried the lowest height"
+    assert all(a - b > 1e-4 for a, b in itertools.pairwise(heights))
 
 
 def test_a_hand_whose_layers_cannot_be_told_apart_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,7 +20,7 @@ from foldcell.robots.errors import CellError, Failure, FailureKind
 from foldcell.robots.ports import Array
 from foldcell.skills.cloth.mesh import mesh_from_contour
 from foldcell.skills.fold_plan.folding import target_vertices
-from foldcell.skills.fold_plan.plan import plan_folds
+from foldcell.skills.fold_plan.plan import RELEASE_CLEARANCE, plan_folds
 from foldcell.skills.fold_plan.repair import RepairGoal, ways_to_hold
 from foldcell.skills.perception.inspection.moved_edge import MovedEdge
 from foldcell.skills.state_estimate.comparison import Fit
@@ -124,6 +124,17 @@ def test_a_fold_is_completed_if_it_is_then_as_good_as_planned_and_undone_otherwi
     assert task.step is repair.plan.step and task.vertices is repair.vertices and task.target is repair.target
     assert set(task.paths) == set(repair.plan.step.grasps)
     assert task.promised == (None if goal is RepairGoal.UNDO else repair.trajectory.dissimilarity)
+
+
+def test_cloth_is_laid_back_on_the_layers_below_whatever_thickness_was_measured(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The fold was planned with the stated thickness, its repair with the measured one."""
+    predicting(monkeypatch, {RepairGoal.COMPLETE: np.inf, RepairGoal.UNDO: 0.0})
+    context = attempted(context_with(failed_fold(half_way()), layer_thickness=0.8 * THICKNESS))
+    repair = EFFECTS[Effect.PLAN_REPAIR](fake_workcell(FakeCell()), context).context.fold.repair
+    assert repair is not None and repair.plan.thickness == pytest.approx(0.8 * THICKNESS)
+    assert [target[2] for target in repair.plan.step.targets.values()] == pytest.approx([RELEASE_CLEARANCE] * 2)
 
 
 @pytest.mark.parametrize(
