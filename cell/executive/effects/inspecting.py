@@ -71,8 +71,7 @@ def inspect_fold(cell: Workcell, context: RunContext, plan: Plan, attempt: Attem
         failure, state = claim_failure(claim), ""
         if failure.kind is FailureKind.TOO_HIGH and claim.too_high:  # it may be folded anew
             context, state = _estimated(cell, context, plan, attempt, frame)
-        elif failure.kind is FailureKind.TOO_HIGH:
-            # an estimate of an earlier look does not undo a fold whose height cannot be seen
+        else:  # an estimate of an earlier look does not undo a fold that is only doubtful
             context = replace(context, fold=replace(context.fold, estimate=None))
         values = {**figures(inspection), **failure.values}
         failure = replace(failure, what=f"{failure.what}{state}", values=values)

@@ -46,7 +46,9 @@ THIN_RISE = 0.0022
 MAX_LAG_THIN = 0.030
 """Both limits grow in inverse proportion to the rise if the layers raise the surface by less than `THIN_RISE`,
 because wrinkles of a millimetre then hide the edge. If the edge is too short for wide strips, the limits also grow
-in proportion to the noise of its strips. No limit exceeds `MAX_LAG_THIN`."""
+in proportion to the noise of its strips, up to `MAX_LAG_THIN`."""
+MOST_DOUBT = 0.010
+"""Most that the standard error of a sag adds to its limit [m]: an edge that is more uneven does not lie well."""
 
 LASTING_DEVIATION = 0.025
 """Largest distance between the observed and the predicted outline of a fold that is followed by another [m]: the
@@ -164,10 +166,10 @@ def _moved_edge_defect(seen: Inspection) -> tuple[FailureKind, float] | None:
         return None
     corner_limit, sag_limit = _edge_limits(seen.edge)
     corner, sag = _edge_corner(seen) / corner_limit, seen.edge.sag / sag_limit
-    if not max(corner, sag) > 1.0:  # also true if both are NaN, not visible
+    worst = float(np.fmax(corner, sag))
+    if not worst > 1.0:  # also true if both are NaN, not visible
         return None
-    kind = FailureKind.DROPPED_CORNER if corner > sag else FailureKind.SAG
-    return kind, _confidence(max(corner, sag), 1.0)
+    return FailureKind.SAG if sag == worst else FailureKind.DROPPED_CORNER, _confidence(worst, 1.0)
 
 
 def _edge_corner(seen: Inspection) -> float:
@@ -179,16 +181,21 @@ def _edge_corner(seen: Inspection) -> float:
 
 def _edge_limits(edge: MovedEdge) -> tuple[float, float]:
     """Limits for the lag of a corner and of the middle of this edge [m]: thin layers and short edges are measured
-    less exactly, and a sag only counts if it exceeds its limit by more than its standard error."""
+    less exactly, and a sag only counts if it exceeds its limit by more than its error, `_sag_doubt`."""
     share = edge.noise * max(1.0, THIN_RISE / max(edge.rise, 1e-6))
     corner, sag = (min(limit * share, MAX_LAG_THIN) for limit in (EDGE_CORNER, EDGE_SAG))
-    return corner, sag + edge.sag_error
+    return corner, sag + _sag_doubt(edge)
+
+
+def _sag_doubt(edge: MovedEdge) -> float:
+    """Standard error of the sag [m], as far as it counts."""
+    return min(edge.sag_error, MOST_DOUBT)
 
 
 def _edge_visible(seen: Inspection) -> bool:
     """Whether the edge can be judged: all of it is seen, and its sag is not within its error of the limit."""
     edge = seen.edge
-    return edge is not None and edge.wholly_seen and not edge.sag > _edge_limits(edge)[1] - edge.sag_error
+    return edge is not None and edge.wholly_seen and not edge.sag > _edge_limits(edge)[1] - _sag_doubt(edge)
 
 
 def _confidence(value: float, threshold: float) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import MethodType, SimpleNamespace
 from typing import Any
 
@@ -249,16 +250,20 @@ def test_a_last_fold_is_made_anew_if_it_is_seen_to_stand_too_high(
     view: TargetView, undone: bool, drifted: FailureKind | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Only a fold whose state is estimated is undone. A height that is not visible, or a place that is not the
-    planned one, does not get better by it."""
+    planned one, does not get better by it: an estimate of an earlier look is forgotten."""
     lies: Any = SimpleNamespace(state=FoldState.AFTER)
     asked: list[Any] = []
     monkeypatch.setattr(
         inspecting, "note_estimate", lambda cell, context, *_: asked.append(1) or Outcome((context, lies))
     )
     look(monkeypatch, seen(drifted, target=view))
-    result = inspect_fold(fake_workcell(FakeCell()), last_fold())
+    before = last_fold()
+    if not undone:
+        before = replace(before, fold=replace(before.fold, estimate=lies))
+    result = inspect_fold(fake_workcell(FakeCell()), before)
     failure = result.context.failure
     assert bool(asked) == undone and failure is not None
+    assert drifted or undone or result.context.fold.estimate is None
     if undone:
         assert failure.kind is K.TOO_HIGH, (
             "also if it has drifted from its prediction, which is accepted otherwise"

@@ -15,6 +15,7 @@ from foldcell.skills.perception.inspection.diagnosis import (
     MAX_LEFT_BEHIND,
     MAX_MISSING,
     MAX_SAG,
+    MOST_DOUBT,
     beyond_limits,
     diagnose,
     diagnosed_by_height,
@@ -256,6 +257,17 @@ def test_only_a_measured_defect_of_the_shape_lasts_under_the_next_fold(figures, 
 def test_a_corner_of_a_short_edge_is_dropped_only_if_its_cloth_is_missing(noise, missing, kind):
     seen = inspection(edge=replace(edge(corner=0.058), noise=noise), missing_layer=missing)
     assert diagnose(seen, STEP, S)[0] is kind
+
+
+def test_a_sag_of_a_short_edge_counts_although_its_corners_do_not():
+    seen = inspection(edge=replace(uneven(0.060, 0.001), noise=2.2), missing_layer=0.1)
+    assert diagnose(seen, STEP, S)[0] is lasting_defect(seen, STEP, S) is K.SAG
+
+
+def test_an_uneven_edge_that_sags_far_is_a_defect_however_uneven_it_is():
+    seen = inspection(edge=uneven(0.075, 0.020))
+    assert seen.edge.sag > EDGE_SAG + MOST_DOUBT and seen.edge.sag_error > 0.5 * seen.edge.sag
+    assert diagnose(seen, STEP, S)[0] is K.SAG
 
 
 def test_a_sag_within_its_standard_error_of_the_limit_is_no_defect():
