@@ -288,21 +288,28 @@ def _same(found: Segmentation, other: Segmentation) -> bool:
 
 
 def _best(looks: Iterator[_Look], named: bool) -> _Look:
-    """Return the first accepted region of a method, or the accepted proposal that fits best, unless it is doubtful
-    (named: see `_doubtful`). If none is accepted, return the refusal of the region that came furthest, and of
-    several in a photograph the one whose outline is clearest."""
+    """Return the first accepted region of a method, or the accepted proposal that fits best, unless another region
+    makes it doubtful (named: see `_doubtful`). A method's region and a sure fit are compared with the earlier
+    regions only, because they end the search. Of two accepted ones that show the same thing as other kinds, the
+    earlier counts. If none is accepted, return the refusal of the region that came furthest, and of several in a
+    photograph the one whose outline is clearest."""
     accepted: list[_Look] = []
     refused: list[_Look] = []
+
+    def doubted(look: _Look, others: Sequence[_Look]) -> bool:
+        return any(_doubtful(look, other, named) or _explains(other, look) for other in others)
+
     for look in looks:
-        doubtful = any(_doubtful(look, other, named) for other in [*accepted, *refused])
-        if not look.outcome.ok or doubtful or any(_explains(other, look) for other in refused):
+        if not look.outcome.ok or doubted(look, [*accepted, *refused]):
             refused.append(look)
         elif not look.free or look.outcome.unwrap().fit >= SURE_FIT:
             return look
         else:
             accepted.append(look)
-    if accepted:
-        return max(accepted, key=lambda look: look.outcome.unwrap().fit)
+    others = [*accepted, *(look for look in refused if not look.outcome.ok)]
+    sound = [look for look in accepted if not doubted(look, others)]
+    if sound:
+        return max(sound, key=lambda look: look.outcome.unwrap().fit)
     best = max(refused, key=lambda look: look.reached)
     return next((look for look in refused if _explains(look, best)), best)
 
@@ -395,10 +402,11 @@ def _perceive_region(
     if not near:
         return judged_as[best.garment.category]
     first, *others = sorted(near, key=lambda name: likeness(rivals[name]), reverse=True)
-    small = small_rectangle(len(judged_as[first].places), segmentation, views.seen)
     if others and likeness(rivals[others[0]]) > likeness(rivals[first]) - TOO_NEAR:
         return look(either(rivals[first], rivals[others[0]]), judged_as[first].places)
-    return look(small) if small is not None else judged_as[first]
+    # Without places, because a print tells less than a garment that the picture's edge cuts off.
+    small = small_rectangle(len(judged_as[first].places), segmentation, views.seen)
+    return judged_as[first] if settings.size_known or small is None else look(small)
 
 
 def _judged(

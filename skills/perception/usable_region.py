@@ -26,7 +26,8 @@ LEAST_SHARE, LEAST_CUT = 0.03, 0.10
 """Least area of a garment in a photograph, and of one that the edge of the picture cuts off, relative to the
 picture. Smaller things at the edge are other things."""
 LEAST_RECTANGLE = 0.10
-"""Least area of a rectangle that is taken for a towel in a photograph without a name, relative to the picture."""
+"""Least area of a rectangle that is taken for a towel in a photograph of unknown scale without a name, relative to
+the picture."""
 MOST_EDGE = 0.35
 """More than this share of the outline of a part of the ground runs along the edge of the picture."""
 SLENDER = 15.0
@@ -160,8 +161,8 @@ def adjoined(segmentation: Segmentation, seen: RectifiedView, view: TableView) -
 
 
 def small_rectangle(corners: int, segmentation: Segmentation, seen: RectifiedView) -> Failure | None:
-    """Return UNKNOWN_GARMENT for a small rectangle in a photograph without a name, else None: prints and sheets of
-    paper are such. corners: number of key points."""
+    """Return UNKNOWN_GARMENT for a small rectangle in a photograph of unknown scale without a name, else None:
+    prints and sheets of paper are such. corners: number of key points."""
     share = float(np.count_nonzero(segmentation.mask) / np.count_nonzero(seen.valid))
     if corners != 4 or share >= LEAST_RECTANGLE:
         return None

@@ -120,10 +120,11 @@ def _set_notches(
 
 
 def _sides(garment: GarmentOutline) -> list[str]:
-    """Return the sides on which a garment has a sleeve with its shoulder, in the order of its key points."""
+    """Return the sides on which a garment has a sleeve with its shoulder, and a hem, in the order of its key
+    points."""
     names = garment.keypoints
     sides = [n.removeprefix("cuff_upper_") for n in names if n.startswith("cuff_upper_")]
-    return [side for side in sides if {f"shoulder_{side}", f"armpit_{side}"} <= set(names)]
+    return [side for side in sides if {f"shoulder_{side}", f"armpit_{side}", f"hem_{side}"} <= set(names)]
 
 
 def _interior_angles(polygon: Array) -> NDArray[np.float64]:

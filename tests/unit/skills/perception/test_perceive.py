@@ -129,6 +129,14 @@ def test_the_second_best_match_is_taken_if_only_its_size_fits(calibration, towel
     assert not taken or first.unwrap().garment == "napkin"
 
 
+def test_a_small_towel_whose_size_is_known_is_no_print(calibration, towels, monkeypatch):
+    """It is found last, as a proposal, in a picture without the empty table's."""
+    monkeypatch.setattr("foldcell.skills.perception.perceive.segmentations", lambda views, method: ())
+    monkeypatch.setattr("foldcell.skills.perception.usable_region.LEAST_RECTANGLE", 0.2)
+    scene = Scene(seed=3, polygons=[place(TOWEL * 0.7, 0.6, 0.0, 0.1)])
+    assert perceive(render(scene), calibration, TABLE, None, towels).unwrap().garment == "small_towel"
+
+
 def broken(frame, how):
     if how == "black":
         return replace(frame, rgb=np.zeros_like(frame.rgb))

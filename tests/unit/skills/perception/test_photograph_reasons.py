@@ -81,10 +81,11 @@ SHIRTS_POINTS, TOWELS_POINTS = ("hem", "collar", "cuff", "armpit", "shoulder"), 
 
 
 def look(rows: int, columns: int, names: tuple[str, ...], failure: Failure | None) -> perceive._Look:
-    """What came of a region in the upper left corner of a photograph. failure: None for an accepted one."""
+    """What came of a region in the upper left corner of a photograph. failure: None for an accepted one, which is
+    not sure."""
     mask = np.zeros((100, 100), bool)
     mask[:rows, :columns] = True
-    outcome = Outcome(SimpleNamespace(fit=0.9)) if failure is None else Outcome(failure=failure)
+    outcome = Outcome(SimpleNamespace(fit=0.8)) if failure is None else Outcome(failure=failure)
     places = dict.fromkeys(names, np.zeros(2))
     return perceive._Look(Segmentation(mask, np.zeros((1, 2)), 1.0, mask & False), True, outcome, places)
 
@@ -107,7 +108,17 @@ def look(rows: int, columns: int, names: tuple[str, ...], failure: Failure | Non
         "a garment and a sun spot at the edge", "a part of what is cut off",
     ],
 )  # fmt: skip
-def test_regions_of_a_photograph_are_judged_together(
+def test_regions_of_a_photograph_are_judged_together_in_any_order(
     first: perceive._Look, second: perceive._Look, told: Failure | None
 ) -> None:
-    assert perceive._best(iter([first, second]), named=False).outcome.failure is told
+    for looks in ([first, second], [second, first]):
+        assert perceive._best(iter(looks), named=False).outcome.failure is told
+
+
+def test_of_two_accepted_regions_a_print_is_not_taken_and_of_two_kinds_the_earlier_is() -> None:
+    shirt, towel = look(80, 80, SHIRTS_POINTS, None), look(78, 80, TOWELS_POINTS, None)
+    printed = look(30, 30, TOWELS_POINTS, None)
+    printed.outcome.unwrap().fit = 0.81  # type: ignore[misc]
+    for looks in ([printed, shirt], [shirt, printed], [shirt, towel]):
+        assert perceive._best(iter(looks), named=False) is shirt
+    assert perceive._best(iter([towel, shirt]), named=False) is towel
