@@ -158,8 +158,9 @@ def push_down(
     monitor: FingertipForceMonitor,
     max_force: float,
 ) -> Motion[JointState]:
-    """Push the hands of `lowering` down. A hand brakes if the force on one of its tips exceeds `max_force`. The
-    motion ends when the set-points have come to rest, or with a failure of `monitor`.
+    """Push the hands of `lowering` down, or raise those whose stroke ends at a smaller depth. A hand brakes if the
+    force on one of its tips exceeds `max_force`. The motion ends when the set-points have come to rest, or with a
+    failure of `monitor`.
 
     lowering: set-point of each hand; the motion changes it. strokes: (start, end) depth of each hand [m].
     max_force: limit of the force on a tip [N].

@@ -221,15 +221,20 @@ def test_pads_that_do_not_move_are_a_fault_of_the_gripper(monkeypatch: pytest.Mo
         (lambda c: (setattr(c, "follows", False), setattr(c, "q", c.q + 0.2)), K.TRACKING_ERROR),
     ],
 )
+@pytest.mark.parametrize("searching", [False, True])
 def test_a_fault_at_any_time_of_a_grasp_ends_it_with_its_kind(
-    spoil: Any, kind: FailureKind, monkeypatch: pytest.MonkeyPatch
+    searching: bool, spoil: Any, kind: FailureKind, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The fault occurs during the tare, the descent, the press or the closing. The fake raises an error on a
-    set-point to a stopped robot."""
-    cell, work, context, _ = over_cloth(monkeypatch)
+    """The fault occurs during the tare, the descent, the press or the closing. searching: or while the left hand
+    opens, moves and closes again at another height. The fake raises an error on a set-point to a stopped robot."""
+
+    def begin() -> tuple[FakeCell, Workcell, RunContext, Any]:
+        return in_stack(monkeypatch, -1.6 * LAYER) if searching else over_cloth(monkeypatch)
+
+    cell, work, context, _ = begin()
     assert EFFECTS[Effect.GRASP](work, context).event is Event.DONE
     for moment in np.linspace(0.02, cell.now - 0.15, 15):
-        again, work, context, _ = over_cloth(monkeypatch)
+        again, work, context, _ = begin()
         again.at(float(moment), lambda again=again: spoil(again))
         result = EFFECTS[Effect.GRASP](work, context)
         assert result.event is Event.FAILED and result.context.failure.kind is kind, moment
