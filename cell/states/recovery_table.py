@@ -218,14 +218,9 @@ RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
     K.STUCK_ON_FINGER: (Recovery(Event.LOOK_AGAIN, until=1), *_ask("only a person can free the finger")),
     K.TACTILE_FAULT: (*_FEEL_AGAIN, *_ask("without its pads a hand feels neither the table nor the cloth")),
     K.GRIPPER_FAULT: (*_FEEL_AGAIN, *_ask("the gripper does not do as it is told")),
-    # the fold itself; if it is only displaced, the plan is moved to it; a doubtful claim pulls nothing
+    # the fold itself; if it is only displaced, the plan is moved to it
     K.DRIFT: (Recovery(Event.CARRY_ON, when=(carried,)), *_SHAPE),
-    K.OFF_TARGET: (
-        *_GOOD_ENOUGH,
-        *_repair(A.NONE),
-        _NEAR_ENOUGH,
-        *_SHAPE,
-    ),
+    K.OFF_TARGET: (*_GOOD_ENOUGH, *_repair(A.NONE), _NEAR_ENOUGH, _SPREAD, *_SHAPE),
     K.PILING: (*_GOOD_ENOUGH, *_repair(A.OPTIMISE), _NEAR_ENOUGH, _SPREAD, *_SHAPE),
     # the last fold stands higher than its fabric explains, and pressing has not helped: it is folded anew
     K.TOO_HIGH: (*_GOOD_ENOUGH, *_repair(A.OPTIMISE), *_SHAPE),

@@ -75,12 +75,14 @@ def spreadable(cell: Workcell, context: RunContext, kind: FailureKind) -> bool:
     It may do so only in the first fold, because a pull moves all layers at a corner together and would not open
     earlier folds. The garment must have been seen flat, because its flat area shows when it is spread. After a
     failure of recognition, it is pulled only if it was pulled before: otherwise a person may have laid another
-    garment.
+    garment. A fold that the inspection found good is no heap, although its claim is in doubt.
     """
     fold = context.fold
+    seen = fold.attempt.inspection if fold.attempt is not None else None
     return (
         fold.index == 0
         and fold.spread
+        and (seen is None or seen.diagnosis is not None)
         and fold.pulls < cell.settings.recovery.pulls
         and context.plan is not None
         and context.first_look is not None

@@ -31,6 +31,7 @@ from foldcell.skills.state_estimate.observation import Observation
 from foldcell.skills.vocabulary import Outcome
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
+from tests.inspections import inspection
 from tests.workcells import fake_workcell
 
 K = FailureKind
@@ -87,6 +88,12 @@ def test_a_heap_of_the_first_fold_is_spread_after_a_second_look() -> None:
 def test_a_refused_first_fold_is_spread_if_it_can_neither_be_repaired_nor_built_on(kind: FailureKind) -> None:
     assert chosen(heaped(), kind, 2) is (Event.GIVE_UP if kind is K.TOO_HIGH else Event.SPREAD)
     assert chosen(heaped(carried=True, steps=(HALF, HALF)), kind, 2) is Event.CARRY_ON
+
+
+def test_a_fold_that_looks_good_is_not_spread_because_its_claim_is_in_doubt() -> None:
+    good = heaped(carried=True, inspection=inspection())
+    assert good.fold.attempt is not None and good.fold.attempt.inspection is not None
+    assert chosen(good, K.OFF_TARGET, 2) is Event.GIVE_UP
 
 
 @pytest.mark.parametrize("kind", [K.NOT_FLAT, K.LOW_CONFIDENCE, K.UNKNOWN_GARMENT, K.CATEGORY_MISMATCH])
