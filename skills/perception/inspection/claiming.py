@@ -37,11 +37,11 @@ DRIFT_ANGLE_SIGMA = float(np.deg2rad(1.0))
 SURE = 2.0 / 3.0
 """Smallest probability with which the shape and the flatness are claimed. A false claim counts twice as much as a
 good fold that is not claimed."""
-SURE_AFTER = 0.9
-"""The same after a disturbance, because the errors above are those of runs without one. After faults, five good
-folds were claimed with 0.94 to 1.00, a bad one with 0.77. Another bad one had 0.91, because a repaired first fold
-had shown too stiff a fabric. A repaired fold no longer tells the fabric, and by the range of its class alone that
-fold was good with a probability of about 0.3."""
+SURE_AFTER = 0.85
+"""The same after a disturbance, because the errors above are those of runs without one; two hidden folds may pass
+(`HIDDEN_GOOD`). After faults, five good folds were claimed with 0.94 to 1.00, a bad one with 0.77. Another bad one
+had 0.91, because a repaired first fold had shown too stiff a fabric. A repaired fold no longer tells the fabric;
+by the range of its class alone that fold was good with a probability of about 0.3."""
 UNSEEN_RELIEF, RELIEF_SIGMA = 0.12, 0.08
 """Share by which the picture shows the relief of a stack too low, and its standard deviation, in 29 folds. Depth
 is averaged over squares, and a camera that looks at an angle does not see all flanks."""
