@@ -29,7 +29,10 @@ LEAST_RECTANGLE = 0.10
 """Least area of a rectangle that is taken for a towel in a photograph of unknown scale without a name, relative to
 the picture."""
 MOST_EDGE = 0.35
-"""More than this share of the outline of a part of the ground runs along the edge of the picture."""
+"""More than this share of the outline of a part of the ground runs along the edge of the picture. A garment in a
+corner of the picture has as much, too."""
+LEAST_SIDE = 0.1
+"""A side of the picture is met if at least this share of the outline's points at the edge lies nearest to it."""
 SLENDER = 15.0
 """Least ratio of an arm's area to the square of the radius of the largest circle in it; garments have 3 to 11."""
 
@@ -100,10 +103,8 @@ def nothing_whole(segmentation: Segmentation, seen: RectifiedView, margin: int, 
     values = {"area_share": share, "edge_share": cut}
     if not at_edge.any() and share >= LEAST_SHARE and segmentation.confidence >= MIN_SEGMENTATION:
         return None
-    if proposed and at_edge.any() and segmentation.confidence >= MIN_SEGMENTATION and cut <= MOST_EDGE:
-        middle = np.array([columns[at_edge].mean(), rows[at_edge].mean()]) / seen.valid.shape[::-1]
-        sides = {"left": middle[0], "right": 1 - middle[0], "upper": middle[1], "lower": 1 - middle[1]}
-        side = min(sides, key=lambda name: sides[name])
+    side, corner = _met(columns[at_edge], rows[at_edge], seen.valid.shape)
+    if side and proposed and segmentation.confidence >= MIN_SEGMENTATION and (corner or cut <= MOST_EDGE):
         if _is_arm(segmentation.mask, seen):
             return Failure(
                 FailureKind.VIEW_OBSTRUCTED,
@@ -124,6 +125,17 @@ def nothing_whole(segmentation: Segmentation, seen: RectifiedView, margin: int, 
         "lay a garment flat in the middle of the picture, on a ground of another colour",
         values,
     )
+
+
+def _met(columns: NDArray[np.int_], rows: NDArray[np.int_], shape: tuple[int, ...]) -> tuple[str, bool]:
+    """Return the side of the picture (height, width) that most points of its edge lie at, and whether they lie at
+    two neighbouring sides and no others. Without points, the side is empty."""
+    away = {"left": columns, "right": shape[1] - 1 - columns, "upper": rows, "lower": shape[0] - 1 - rows}
+    nearest = np.argmin(list(away.values()), axis=0)
+    counts = {name: np.count_nonzero(nearest == k) for k, name in enumerate(away)}
+    met = {name for name, count in counts.items() if count and count >= LEAST_SIDE * len(nearest)}
+    corner = len(met) == 2 and met not in ({"left", "right"}, {"upper", "lower"})
+    return max(met, key=counts.__getitem__, default=""), corner
 
 
 def _is_arm(mask: NDArray[np.bool_], seen: RectifiedView) -> bool:

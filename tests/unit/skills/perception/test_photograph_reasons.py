@@ -18,6 +18,8 @@ ROWS, COLUMNS = 450, 600
 BLUE, CREAM, SKIN, YELLOW = (50, 70, 130), (225, 215, 190), (200, 140, 110), (220, 190, 40)
 SHIRT = np.array([[-10, 90], [330, 90], [430, 60], [470, 140], [400, 180], [400, 290], [470, 320], [430, 390],
                   [330, 360], [-10, 360]])  # fmt: skip
+ACROSS = np.array([[-10, 90], [300, 105], [610, 80], [610, 250], [300, 235], [-10, 270]])
+IN_CORNER = np.array([[610, 460], [350, 460], [338, 380], [341, 275], [465, 270], [610, 280]])
 BOOK = np.array([[500, -10], [610, -10], [610, 90], [490, 80]])
 PRINT = np.array([[150, 150], [290, 150], [290, 290], [150, 290]])
 ARM = np.array([[280, 450], [290, 200], [265, 130], [285, 125], [300, 180], [310, 90], [330, 90], [335, 200],
@@ -47,12 +49,15 @@ def photograph(*things: tuple[np.ndarray, tuple[int, int, int]], relief: float =
         ((), FailureKind.NO_GARMENT, "no garment is visible"),
         ((((BOOK, CREAM)),), FailureKind.NO_GARMENT, "nothing that lies wholly in the picture"),
         ((((SHIRT, BLUE)),), FailureKind.OUT_OF_VIEW, "the left edge of the picture cuts the garment off"),
+        ((((ACROSS, BLUE)),), FailureKind.OUT_OF_VIEW, "the left edge of the picture cuts the garment off"),
+        ((((IN_CORNER, BLUE)),), FailureKind.OUT_OF_VIEW, "the lower edge of the picture cuts the garment off"),
         (((SHIRT, BLUE), (PRINT, YELLOW)), FailureKind.OUT_OF_VIEW, "left edge"),
         ((((ARM, SKIN)),), FailureKind.VIEW_OBSTRUCTED, "an arm reaches into the picture from its lower edge"),
         ((((FLOWER, CREAM)),), FailureKind.NO_GARMENT, "like a print"),
     ],
-    ids=["nothing", "a book at the edge", "cut off", "a print on what is cut off", "arm", "print on the ground"],
-)
+    ids=["nothing", "a book at the edge", "cut off", "cut off at both sides", "cut off at a corner",
+         "a print on what is cut off", "arm", "print on the ground"],
+)  # fmt: skip
 def test_a_photograph_without_a_whole_garment_is_refused_for_its_true_reason(
     things: tuple[tuple[np.ndarray, tuple[int, int, int]], ...], kind: FailureKind, words: str
 ) -> None:
