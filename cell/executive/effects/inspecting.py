@@ -76,7 +76,8 @@ def inspect_fold(cell: Workcell, context: RunContext, plan: Plan, attempt: Attem
         values = {**figures(inspection), **failure.values}
         failure = replace(failure, what=f"{failure.what}{state}", values=values)
         return context.failed(failure, record)
-    if inspection.diagnosis is None:
+    piled = inspection.diagnosis is FailureKind.PILING
+    if inspection.diagnosis is None or (piled and claim is not None and claim.holds):
         learned: dict[str, object] = {}
         if not attempt.repaired:
             garment, learned = adapt(cell, context.fold.index, plan, attempt, inspection)

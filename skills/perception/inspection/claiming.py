@@ -142,9 +142,12 @@ def claim_fold(
     """Make the claim about the last fold.
 
     bias: as measured with the stated thickness of a layer. ideal: table of the ideal fold's heights. first: view
-    of the first fold, whose crease shows the fabric; None if it was not observed.
+    of the first fold, whose crease shows the fabric; None if it was not observed. Cloth that stands higher than
+    the prediction for a usual fabric counts as heaped up only if the fabric is not known.
     """
     errors = settings.claim
+    if first is not None and seen.diagnosis is FailureKind.PILING:
+        seen = replace(seen, diagnosis=None)
     bias, flat_heights = layers.correct(bias), (target.flat.height_m, target.flat.crease_height_m)
     observed = None if first is None else Normal(
         first.observed.crease_height_m - RAISED - bias.value - layers.thicker(first.flat.crease_height_m).mean,

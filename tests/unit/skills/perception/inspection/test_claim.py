@@ -85,6 +85,13 @@ def test_a_fold_that_is_not_flat_says_why(changes: dict[str, Any], words: str) -
     assert (told["height_m"] is None) == math.isnan(claim.height_m)
 
 
+@pytest.mark.parametrize(("height", "flat"), [(0.015, True), (0.031, False)])
+def test_heaped_cloth_is_judged_by_its_height_where_the_fabric_is_known(height: float, flat: bool) -> None:
+    known = claimed(height=height, diagnosis=FailureKind.PILING, first_crease=0.0275)
+    assert known.flat is flat and known.shape
+    assert not claimed(height=height, diagnosis=FailureKind.PILING).flat
+
+
 def test_the_claim_that_a_fold_is_far_too_high_is_reliable() -> None:
     assert claimed(height=0.031).reliability > 0.9
 
