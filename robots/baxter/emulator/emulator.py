@@ -106,8 +106,9 @@ class Emulator:
             self._set_initial_state()
             self._open_topics()
             while not until.is_set():
+                before = self._now
                 self._tick()
-                if self._tasks.run():  # a task may have changed the time
+                if self._tasks.run() or self._now < before:  # a task, or a fault, has changed the time
                     self._now, self._origin = self._ports.clock.now(), None
                     self._heard.restart(self._now)
                     self._published.restart(self._now)

@@ -73,8 +73,8 @@ class Limb:
         q = np.full(len(self._names), np.nan) if self._held is None else np.array(self._held, dtype=np.float64)
         q[[self._names.index(name) for name in names]] = values
         command = _Command(at, q, mode)
-        if self._newest is not None and self._newest.at < at:
-            self._before = self._newest
+        if self._newest is not None and self._newest.at != at:  # none before it, if the clock was set back
+            self._before = self._newest if self._newest.at < at else None
         self._newest, self._held = command, command.q
         return None
 
