@@ -22,6 +22,8 @@ OPENED = 0.0015
 """A hand has let go if its opening exceeds its opening with cloth by more than this [m]."""
 LONGEST_GAP_S = 0.5
 """If the time between two readings is longer than this, it counts as this long [s]."""
+FASTEST = 2.0
+"""Joints move no faster than this while the hands carry cloth [rad/s]: the limit of shoulders and elbows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,10 +63,12 @@ class HandCourse:
         return position, rotation
 
 
-def without_gaps(stamps: Array) -> Array:
-    """Return times from 0 (n,) [s] whose steps are at most LONGEST_GAP_S. A hand does not move because a clock was
-    set ahead."""
-    return np.asarray(np.concatenate([[0.0], np.cumsum(np.minimum(np.diff(stamps), LONGEST_GAP_S))]))
+def without_gaps(stamps: Array, q: Array) -> Array:
+    """Return times from 0 (n,) [s] whose steps are at most LONGEST_GAP_S, and at least as long as the joints q
+    (n, joints) [rad] need at FASTEST. A hand does not move because a clock was set ahead; and if a clock was set
+    back, readings are missing until it has caught up, while the hand moves on."""
+    needed = np.abs(np.diff(q, axis=0)).max(axis=1) / FASTEST
+    return np.asarray(np.concatenate([[0.0], np.cumsum(np.clip(np.diff(stamps), needed, LONGEST_GAP_S))]))
 
 
 def held_until(t: Array, opening: Array, empty: float, slip_fraction: float) -> float:

@@ -128,7 +128,7 @@ def _hand_course(cell: Workcell, grasps: Mapping[Side, GraspId]) -> HandCourse |
     stamps, q, openings = cell.hand_record.readings()
     if len(stamps) < 2:
         return None
-    t = without_gaps(stamps)
+    t = without_gaps(stamps, q)
     position, rotation, until = {}, {}, {}
     for side, grasp_id in grasps.items():
         poses = np.array([tool_pose(cell.robot.chains[side], row) for row in q[:, cell.robot.arm(side)]])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from foldcell.skills.cloth.predict import HANDS
-from foldcell.skills.state_estimate.hand_course import HandCourse, held_until, without_gaps
+from foldcell.skills.state_estimate.hand_course import FASTEST, HandCourse, held_until, without_gaps
 from foldcell.skills.vocabulary import GraspId, tool_rotation
 
 T = np.arange(200) / 100
@@ -42,9 +42,18 @@ def test_without_any_known_opening_the_hand_holds():
 
 def test_a_clock_that_was_set_ahead_moves_no_hand():
     stamps = np.r_[np.arange(10) / 100, 60.0 + np.arange(10) / 100]
-    t = without_gaps(stamps)
+    t = without_gaps(stamps, np.zeros((20, 14)))
     assert t[0] == 0.0 and np.diff(t).max() <= 0.5 and (np.diff(t) > 0.0).all()
     np.testing.assert_allclose(np.diff(t)[:8], 0.01)
+
+
+def test_a_clock_that_was_set_back_moves_no_hand_faster_than_its_joints():
+    """No reading is newer than the last one until the clock has caught up. The hands are elsewhere then."""
+    q = np.zeros((20, 14))
+    q[10:, 3] = 0.4
+    t = without_gaps(np.arange(20) / 100, q)
+    assert np.diff(t)[9] == pytest.approx(0.4 / FASTEST)
+    np.testing.assert_allclose(np.delete(np.diff(t), 9), 0.01)
 
 
 def test_the_frames_follow_the_readings_and_keep_the_tips_above_the_table():
