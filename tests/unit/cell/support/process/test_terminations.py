@@ -28,10 +28,12 @@ def test_a_signal_that_python_has_forgotten_ends_the_command(
     number: signal.Signals, raised: type[BaseException], capsys: pytest.CaptureFixture[str]
 ) -> None:
     found = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under nohup it is ignored
+    interrupt = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in a shell's background
     try:
         with pytest.raises(raised), unwinding():
             Signalling(number)
             time.sleep(60.0)
     finally:
         signal.signal(signal.SIGHUP, found)
+        signal.signal(signal.SIGINT, interrupt)
     assert capsys.readouterr().err == "", "no traceback reaches the user"
