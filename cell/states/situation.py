@@ -174,8 +174,8 @@ lies_as_before = Condition(
 )
 spreadable = Condition(
     "spreadable",
-    "a pull may spread the garment: it is the first fold, the garment was seen flat, and `recovery.pulls` are"
-    " left",
+    "a pull may spread the garment: it is the first fold, which no inspection has found good, the garment was seen"
+    " flat, and `recovery.pulls` are left",
     lambda s: s.spreadable,
 )
 another_variant = Condition(

@@ -34,8 +34,7 @@ CONFIRM_READINGS = 15
 """Number of readings that are averaged to confirm a grasp, or that a lifted grasp still holds."""
 SETTLED_SPEED, SETTLED_READINGS = 0.004, 60
 """Layers are counted once the opening changes more slowly than this [m/s], or after this number of readings. Pads
-feel cloth before they have come to rest on it, and a gripper may report its opening at a fifth of their
-rate."""
+feel cloth before they have come to rest on it, and a gripper may report its opening at a fifth of their rate."""
 OPENING_NOISE = 0.0003
 """Minimum assumed standard deviation of one reading of the opening [m]: twice the usual value."""
 

@@ -17,8 +17,7 @@ class ClaimSettings:
     [rad]. The sigmas are standard deviations.
 
     The limits are those of the score. How far a figure has to be from its limit follows from its error
-    (`claiming.SURE`, or
-    `claiming.SURE_AFTER` after a disturbance).
+    (`claiming.SURE`, or `claiming.SURE_AFTER` after a disturbance).
     """
 
     iou: float
