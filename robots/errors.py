@@ -109,6 +109,7 @@ class DriverError(CellError):
 
     def __init__(self, kind: FailureKind, what: str, hint: str = "", **values: Any) -> None:
         super().__init__(what, hint, **values)
+        self.args = kind, what  # a copy in another process is made from them
         self.kind = kind
 
     def failure(self) -> Failure:

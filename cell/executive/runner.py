@@ -161,7 +161,7 @@ class Runner:
         result = replace(self._divert(step, result), within=self._noted)
         if result.event is not Event.ALL_FOLDED and step.target is not State.FOLDED:
             # write it before the result, so that the checkpoint is never older than the journal
-            self._write_checkpoint(result.context)
+            result = self._write_checkpoint(step, result)
         if intent is not None:
             record = {"event": result.event.value, **result.record}
             if result.event in _FAILING and result.context.failure:
@@ -170,17 +170,20 @@ class Runner:
             self._journal.result(intent, clock.now(), record)
         return result
 
-    def _write_checkpoint(self, context: RunContext) -> None:
-        """Write the checkpoint. Raises StorageError, which ends the run in the same way as a lost journal."""
+    def _write_checkpoint(self, step: Step, result: Result) -> Result:
+        """Write the checkpoint. Raises StorageError, which ends the run in the same way as a lost journal. If the
+        process of the simulated cell has ended, the effect counts as failed: the robot does not respond."""
         try:
-            self._keep(context)
+            self._keep(result.context)
         except StorageError:
             raise
-        except DriverError as e:  # the process of the simulated cell has ended
-            raise StorageError(f"the checkpoint cannot be written: {e.what}", e.hint) from e
+        except DriverError as e:
+            if step.target not in TERMINAL and result.event not in _FAILING - {Event.FAILED}:
+                return Result(Event.FAILED, result.context.with_failure(e.failure()))
         except Exception as e:
             hint = "this is a bug: keep the run folder and report it"
             raise StorageError(f"the checkpoint cannot be written: {type(e).__name__}: {e}", hint) from e
+        return result
 
     def _divert(self, step: Step, result: Result) -> Result:
         """Return the result with another event if a stop or an abort caused the failure: STOP, or ABORT if the

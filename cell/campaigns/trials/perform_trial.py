@@ -25,7 +25,7 @@ from foldcell.cell.support.files.whole_file import write_whole
 from foldcell.cell.support.process.lock import CellBusyError, OwnerLock
 from foldcell.cell.support.process.memory import return_free_memory
 from foldcell.cell.support.process.signals import Terminated
-from foldcell.robots.errors import CellError, FailureKind, StorageError
+from foldcell.robots.errors import CellError, DriverError, FailureKind, StorageError
 
 __all__ = ["Fold", "discard_recordings", "perform_trial"]
 
@@ -80,7 +80,7 @@ def _perform(request: TrialRequest, folder: Path, fold: Fold) -> Trial:
         if campaign is not None:  # trajectories that another run optimised must not affect this run
             copy_library(campaign, folder)
         return fold(request, folder)
-    except (StorageError, MemoryError):
+    except (DriverError, StorageError, MemoryError):  # e.g. the emulated robot cannot be started
         raise
     except Terminated as e:
         raise BrokenExecutor(f"the run was ended by {e}") from None

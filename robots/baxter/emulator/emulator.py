@@ -91,6 +91,9 @@ class Emulator:
         self._told: set[str] = set()
         self._publishers: dict[str, Any] = {}
         self._now = ports.clock.now()
+        """Time of the emulator: the cell's time, but it goes on when the cell's clock is set back [s]."""
+        self._set_back = 0.0
+        """How far the cell's clock was set back so far [s]."""
         self._pan = self._joints_at = math.nan
         self._next_picture = self._next_grippers = self._next_joints = -math.inf
         self._state_rate = past.state_rate
@@ -106,12 +109,10 @@ class Emulator:
             self._set_initial_state()
             self._open_topics()
             while not until.is_set():
-                before = self._now
                 self._tick()
-                if self._tasks.run() or self._now < before:  # a task, or a fault, has changed the time
-                    self._now, self._origin = self._ports.clock.now(), None
-                    self._heard.restart(self._now)
-                    self._published.restart(self._now)
+                if self._tasks.run():  # a task may have changed the time
+                    self._read_clock()
+                    self._origin = None
                     self._next_picture = self._next_grippers = self._next_joints = -math.inf
                 self._wait_for_commands()
                 self._keep_pace(until)
@@ -149,7 +150,7 @@ class Emulator:
             self._motors.release()
         elif past.enabled:
             self._motors.enable()
-        self._now = ports.clock.now()
+        self._read_clock()
 
     # subscriptions -----------------------------------------------------------------------------------
 
@@ -272,10 +273,15 @@ class Emulator:
     def _tick(self) -> None:
         clock = self._ports.clock
         clock.sleep_until((math.floor(clock.now() / TICK + ROUNDING) + 1) * TICK)
-        self._now = clock.now()
+        self._read_clock()
         self._heard.deliver(self._now)
         self._command_arms()
         self._publish()
+
+    def _read_clock(self) -> None:
+        shown = self._ports.clock.now()
+        self._set_back = max(self._set_back, self._now - shown)
+        self._now = shown + self._set_back
 
     def _command_arms(self) -> None:
         if not self._motors.state().enabled:
@@ -337,7 +343,7 @@ class Emulator:
             tell(topics.TACTILE.format(side), message_conversion.tactile_state(m, tactile.reading()))
         self._publish_picture()
         self._published.deliver(self._now)
-        self._publishers[topics.CLOCK].publish(m.clock(message_conversion.ros_time(m, self._now)))
+        self._publishers[topics.CLOCK].publish(m.clock(message_conversion.ros_time(m, self._now - self._set_back)))
 
     def _send(self, topic: str, message: Any, later: float = 0.0) -> None:
         """Send a message. later: time until it is sent [s], by another node than the earlier ones of its topic."""

@@ -36,8 +36,8 @@ class _Command:
 
 
 class Limb:
-    """Command input of one arm. All times are cell time [s]. timeout: validity of a command; speed_ratio: fraction
-    of full speed at which the joints move to a set-point in position mode."""
+    """Command input of one arm. All times are the emulator's [s], which never go back. timeout: validity of a
+    command; speed_ratio: fraction of full speed at which the joints move to a set-point in position mode."""
 
     def __init__(self, side: Side, past: InitialState = NEW) -> None:
         self.timeout, self.speed_ratio = past.timeout, past.speed_ratio
@@ -73,8 +73,8 @@ class Limb:
         q = np.full(len(self._names), np.nan) if self._held is None else np.array(self._held, dtype=np.float64)
         q[[self._names.index(name) for name in names]] = values
         command = _Command(at, q, mode)
-        if self._newest is not None and self._newest.at != at:  # none before it, if the clock was set back
-            self._before = self._newest if self._newest.at < at else None
+        if self._newest is not None and self._newest.at < at:
+            self._before = self._newest
         self._newest, self._held = command, command.q
         return None
 

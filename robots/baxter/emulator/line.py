@@ -18,8 +18,8 @@ ROUNDING = 1e-6
 
 
 class Line:
-    """One direction of the network, by the cell's clock. `send` may be called from any thread; `deliver` and
-    `restart` belong to the loop's thread. Without a disturbance the next `deliver` delivers each message, in
+    """One direction of the network, by the emulator's time. `send` may be called from any thread; `deliver`
+    belongs to the loop's thread. Without a disturbance the next `deliver` delivers each message, in
     the order of sending."""
 
     def __init__(self, network: Network) -> None:
@@ -53,12 +53,6 @@ class Line:
                 arrived.append(heapq.heappop(self._on_the_way))
         for due, _, arrive in arrived:
             arrive(due)
-
-    def restart(self, now: float) -> None:
-        """Go on after the cell's clock was set to `now`."""
-        with self._lock:
-            self._latest.clear()
-            self._on_the_way = sorted((min(due, now), number, arrive) for due, number, arrive in self._on_the_way)
 
 
 def by_robots_clock(message: Any, ahead: float) -> Any:

@@ -779,6 +779,24 @@ def test_a_failing_checkpoint_ends_the_run_with_the_arms_held(rig: Rig, error: E
     assert end.context.failure.kind is K.UNRECORDED
 
 
+@pytest.mark.parametrize("effect", STRAIGHT[:-1])
+def test_a_simulated_cell_that_no_longer_responds_ends_the_run_as_a_fault_of_the_driver(
+    rig: Rig, effect: Effect
+) -> None:
+    """Its world cannot be saved then. The disk is sound: the journal has each result, and the run is finished."""
+
+    def keep(context: RunContext) -> None:
+        if effect in rig.performed:
+            raise DriverError(K.HARDWARE_FAULT, "the emulated robot does not respond: its process ended")
+
+    rig.keep = keep
+    end = rig.run()
+    assert end.state is State.FAULT and Effect.MAKE_SAFE in rig.performed[-2:]
+    assert not {Effect.APPROACH, Effect.GRASP, Effect.FOLD} & set(rig.performed[rig.performed.index(effect) + 1 :])
+    assert end.context.failure.kind is K.HARDWARE_FAULT and "its process ended" in end.context.failure.what
+    assert all(entry.result is not None for entry in performed(rig.entries()))
+
+
 @pytest.mark.parametrize("event", sorted(set(REENTRIES.values())))
 def test_a_run_is_resumed_in_the_requested_state(rig: Rig, event: Event) -> None:
     rig.special[Effect.REENTER] = lambda c, x: Result(event, x)

@@ -116,19 +116,6 @@ def test_commands_that_a_network_delivers_together_give_no_higher_velocity() -> 
     np.testing.assert_allclose(follow(limb, 1.01)[1], np.full(7, 0.2))
 
 
-def test_a_clock_that_is_set_back_gives_no_velocity() -> None:
-    """The next set-point differs from the last one by what the arm has moved meanwhile."""
-    limb = Limb(Side.LEFT)
-    hear(limb, Q, 1.00)
-    hear(limb, Q + 0.01, 1.01)
-    hear(limb, Q + 0.05, 0.52)
-    q, qd = follow(limb, 0.53)
-    np.testing.assert_array_equal(qd, np.zeros(7))
-    np.testing.assert_array_equal(q, Q + 0.05)
-    hear(limb, Q + 0.06, 0.53)
-    np.testing.assert_allclose(follow(limb, 0.53)[1], np.full(7, 1.0))
-
-
 def test_set_points_far_apart_in_time_have_no_velocity() -> None:
     limb = Limb(Side.LEFT)
     hear(limb, Q, 1.0)

@@ -63,15 +63,6 @@ def test_the_stated_share_is_lost_except_of_latched_messages() -> None:
     assert len(arrivals(Network(loss=0.1), latched=True)) == 400
 
 
-def test_a_clock_that_is_set_back_holds_no_message_up() -> None:
-    line, arrived = Line(Network(delay=0.02)), list[float]()
-    line.send("topic", 50.0, arrived.append)
-    line.restart(3.0)
-    line.send("topic", 3.0, arrived.append)
-    line.deliver(3.02)
-    assert arrived == [3.0, 3.02]
-
-
 class Stamp(float):
     def to_sec(self) -> float:
         return float(self)

@@ -19,7 +19,7 @@ from foldcell.robots.baxter.ros import topics
 from foldcell.robots.baxter.ros.electric_gripper import HARDWARE_ID
 from foldcell.robots.errors import DriverError, FailureKind
 from foldcell.robots.ports import Array, CameraFrame, Intrinsics, Ports, Side, TactileReading, arm_slice
-from foldcell.robots.ros.driver import CameraTopics
+from foldcell.robots.ros.driver import CameraTopics, Network
 from tests.fakes import FakeCell
 
 # a warning of rospy
@@ -181,6 +181,35 @@ def test_an_arm_without_commands_does_not_move(serve: Serve, simulated: Ports) -
     command = program.m.joint_command(1, list(goal[right]), names(Side.RIGHT))
     program.insist(to, command, lambda: abs(vector(program.joints.newest)[13] - goal[13]) < 0.01, "the goal")
     assert max(np.abs(vector(m) - q0)[arm_slice(Side.LEFT, 14)].max() for m in program.joints.all) < 0.01
+
+
+def test_a_clock_that_is_set_back_neither_moves_an_arm_nor_holds_messages_up(serve: Serve, cell: FakeCell) -> None:
+    """The arm goes on from where it is, although its last command is of a time that the clock has not yet reached
+    again."""
+    cell.now = 10.0
+    program = serve(cell.ports(), network=Network(delay=0.02))
+    program.enable()
+    to = program.publisher(topics.JOINT_COMMAND.format(Side.LEFT), program.m.joint_command)
+    begin = program.now() + 0.2
+
+    def set_back() -> None:
+        cell.now -= 0.5
+
+    cell.at(begin, set_back)
+    goal, ticks = cell.q + 0.1 * (np.arange(14) == 0), len(program.clock.all)
+    while cell.q[0] < goal[0] - 1e-6 and len(program.clock.all) < ticks + 200:
+        to.publish(shuffled(program, Side.LEFT, np.minimum(cell.q + 0.002, goal), mode=1))
+        heard = len(program.clock.all)
+        wait(lambda heard=heard: len(program.clock.all) > heard, "the next tick")
+    assert min(m.clock.to_sec() for m in program.clock.all[ticks:]) < begin - 0.4, "the clock was set back"
+    steps = np.abs(np.diff([q for _, q in cell.commands], axis=0))
+    assert steps.max() < 0.01
+    np.testing.assert_allclose(cell.q, goal, atol=0.002)
+    times = np.array([t for t, _ in cell.commands])
+    (back,) = np.flatnonzero(np.diff(times) < 0.0)
+    assert steps[back + 1 :][times[back + 2 :] < begin - 0.2].max() > 0.0, (
+        "it moves before the clock has caught up"
+    )
 
 
 def test_malformed_commands_are_ignored_and_reported_once(serve: Serve, cell: FakeCell) -> None:

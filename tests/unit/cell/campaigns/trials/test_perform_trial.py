@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 import threading
 from concurrent.futures import BrokenExecutor
 from pathlib import Path
@@ -14,7 +15,7 @@ from foldcell.cell.campaigns.trials.campaign import Keep, TrialRequest
 from foldcell.cell.campaigns.trials.perform_trial import perform_trial
 from foldcell.cell.campaigns.trials.trial import TRIAL, Trial, read_trial
 from foldcell.cell.support.process.signals import Terminated
-from foldcell.robots.errors import ConfigurationError, FailureKind, StorageError
+from foldcell.robots.errors import ConfigurationError, DriverError, FailureKind, StorageError
 from tests.builders.campaigns import record, request
 
 
@@ -160,3 +161,14 @@ def test_a_run_that_could_not_be_recorded_is_not_finished(tmp_path: Path) -> Non
     with pytest.raises(StorageError, match="the disk is full"):
         perform_trial(request(), tmp_path, "all", lambda r, f: Trial(r, unrecorded))
     assert read_trial(tmp_path, request()) is None
+
+
+def test_a_run_whose_robot_does_not_start_is_not_finished(tmp_path: Path) -> None:
+    def fold(request: TrialRequest, folder: Path) -> Trial:
+        raise DriverError(FailureKind.HARDWARE_FAULT, "the emulated robot does not respond", "see its output")
+
+    with pytest.raises(DriverError, match="does not respond") as raised:
+        perform_trial(request(), tmp_path, "all", fold)
+    assert read_trial(tmp_path, request()) is None
+    copy = pickle.loads(pickle.dumps(raised.value))  # the worker process sends it
+    assert copy.failure() == raised.value.failure() and str(copy) == str(raised.value)
