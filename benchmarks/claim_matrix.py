@@ -27,8 +27,6 @@ from foldcell.cell.campaigns.statistics.proportions import wilson_interval
 from foldcell.cell.config.garments.garment_file import list_garments
 from foldcell.robots.errors import CellError
 
-__all__ = ["false_claims", "page"]
-
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "results" / "claim.md"
 CACHE = Path.home() / ".cache" / "foldcell" / "claims"
 SEEDS = tuple(range(9101, 9109))

@@ -22,8 +22,6 @@ from foldcell.cell.campaigns.faults.fault_table import read_fault_table
 from foldcell.cell.campaigns.statistics.proportions import wilson_interval
 from foldcell.cell.record.words import interval, plain
 
-__all__ = ["FaultRun", "main", "page", "read_runs"]
-
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "results" / "faults.md"
 CAUSES = "## Causes"
 ABOUT = """# Results: injected faults

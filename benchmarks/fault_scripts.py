@@ -13,8 +13,6 @@ import yaml
 from foldcell.cell.campaigns.faults.fault_table import DueEnd, FaultTable, read_fault_table
 from foldcell.cell.campaigns.faults.fault_trials import drawn_action
 
-__all__ = ["FOLDER", "NAMES", "script"]
-
 FOLDER = Path(__file__).parents[1] / "tests" / "hil" / "faults"
 GARMENT, SEED = "small_towel", 1
 NAMES = (

@@ -10,8 +10,6 @@ from typing import Any
 
 from foldcell.robots.errors import CellError, ConfigurationError
 
-__all__ = ["command", "read_figures"]
-
 USAGE = 64
 
 

@@ -22,20 +22,19 @@ from foldcell.cell.hardware.driver import OpenCell
 from foldcell.cell.hardware.robot_model import load_robot
 from foldcell.cell.report.camera_pictures.live_picture import draw_live
 from foldcell.cell.report.pictures.film import FilmFrame, encode_film
-from foldcell.cell.runs.fold_run import FoldRequest, fold_once
+from foldcell.cell.runs.fold_run import fold_once
 from foldcell.cell.simulation.camera import camera
 from foldcell.cell.simulation.camera.display_drawing import DisplayDrawing
 from foldcell.cell.simulation.camera.render_server import Scene, Shot
 from foldcell.cell.simulation.truth import Truth
 from foldcell.cell.states.commands import CommandQueue
+from foldcell.cell.states.fold_request import FoldRequest
 from foldcell.cell.states.observers import Step
 from foldcell.cell.states.run_context import Result, RunContext
 from foldcell.cell.states.transition_table import State
 from foldcell.cell.support.files.whole_file import write_whole
 from foldcell.robots.ports import Array, CameraFrame
 from foldcell.skills.vocabulary import CameraCalibration
-
-__all__ = ["Moment", "RunFilm", "draw", "look_at", "main"]
 
 FOLDER = Path(__file__).parents[1] / "docs" / "pictures"
 DEFAULT = ("long_sleeve_shirt_small", "7")

@@ -23,8 +23,6 @@ from foldcell.cell.record.words import interval, plain
 from foldcell.cell.states.transition_table import Effect
 from foldcell.robots.errors import FailureKind
 
-__all__ = ["FirstGrasp", "first_grasps", "page", "read_grasps"]
-
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "results" / "grasps.md"
 NOT_HELD = frozenset({FailureKind.MISSED_GRASP, FailureKind.MISSED_LAYER, FailureKind.NO_CONTACT})
 ABOUT = """# Results: first grasps

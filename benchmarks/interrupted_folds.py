@@ -46,8 +46,6 @@ from foldcell.skills.vocabulary import (
     tool_rotation,
 )
 
-__all__ = ["WorldFold", "open_fold", "shoved"]
-
 STROKE, FORCE, DEEPER = 0.030, 20.0, 0.001
 """Opening of the pads before they close [m], their force [N], and the depth by which the tips are lower [m]."""
 SETTLE_FRAMES = round(1.5 * FRAME_RATE)

@@ -13,8 +13,6 @@ from typing import Any
 
 from foldcell.cell.support.files.whole_file import write_whole
 
-__all__ = ["Kept", "fingerprint"]
-
 ROOT = Path(__file__).resolve().parents[1]
 
 

@@ -38,8 +38,6 @@ from foldcell.cell.journal.journal import Journal
 from foldcell.cell.support.files.paths import journal_path
 from foldcell.robots.errors import InternalError
 
-__all__ = ["boundaries", "main", "met", "page"]
-
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "results" / "kill_points.md"
 FOLDER = Path.home() / ".cache" / "foldcell" / "kill_points"
 NEEDED = 0.95

@@ -34,8 +34,6 @@ from benchmarks.operator.chromium import Chromium, Tab
 from benchmarks.operator.supervised_run import Run, spinning, unsupervised
 from benchmarks.results_page import Row, made_by, table, table_of_rows
 
-__all__ = ["main"]
-
 VIEW_S = 150.0
 """Longest time until the 3-D view has started: without a graphics card it is slow [s]."""
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "results" / "operator.md"

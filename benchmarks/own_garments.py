@@ -30,8 +30,6 @@ from foldcell.cell.config.garments.garment_file import load_garment
 from foldcell.robots.ports import Array
 from foldcell.skills.garments.picture_measure import mirror_images
 
-__all__ = ["OWN", "OwnGarment", "main", "own_outline", "photograph"]
-
 NEEDED = 8
 PICTURE = (960, 1280)
 """Rows and columns of the photographs."""

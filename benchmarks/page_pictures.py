@@ -25,9 +25,10 @@ from benchmarks.photographs.real.photograph import draw
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.hardware.driver import OpenCell
 from foldcell.cell.runs import run_observers
-from foldcell.cell.runs.fold_run import FoldRequest, fold_once
+from foldcell.cell.runs.fold_run import fold_once
 from foldcell.cell.simulation import Fault, FaultKind
 from foldcell.cell.states.commands import CommandQueue
+from foldcell.cell.states.fold_request import FoldRequest
 from foldcell.robots.ports import Side
 
 FOLDER = Path(__file__).parents[1] / "docs" / "pictures"

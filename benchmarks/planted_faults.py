@@ -24,8 +24,6 @@ from dataclasses import dataclass
 from importlib.util import cache_from_source
 from pathlib import Path
 
-__all__ = ["PARTS", "Fault", "drawn", "faults", "main"]
-
 ROOT = Path(__file__).resolve().parents[1]
 CELL, SKILLS = "tests/unit/cell", "tests/unit/skills"
 PARTS = {

@@ -22,8 +22,6 @@ import zipfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path, PurePath
 
-__all__ = ["build_packages", "changelog_problems", "main", "tag_problems", "try_wheel", "wheel_problems"]
-
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("cell", "skills", "robots", "calibration")
 LARGEST_WHEEL = 3_000_000

@@ -13,8 +13,6 @@ from foldcell.cell.campaigns.trials.store import BegunCampaign, commit
 from foldcell.cell.campaigns.trials.trial import Trial
 from foldcell.cell.record.words import plain as in_words
 
-__all__ = ["Row", "causes", "made_by", "origin", "plain", "table", "table_of_rows"]
-
 
 @dataclass(frozen=True)
 class Row:

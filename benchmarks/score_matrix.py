@@ -35,17 +35,6 @@ from foldcell.skills.scoring.score import named_edge_pairs, score
 from foldcell.skills.scoring.verdict import IdealHeights, Score
 from foldcell.skills.vocabulary import Array, FoldLine
 
-__all__ = [
-    "KINDS",
-    "OTHER_KINDS",
-    "IdealGarment",
-    "drawn_garment",
-    "ideal_garment",
-    "in_own_frame",
-    "judged",
-    "spoiled",
-]
-
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "results" / "score.md"
 KINDS = {
     "drift": "the stack lies 60 mm beside its place",

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from foldcell.cell.config.cell_settings import load_settings
 
-__all__ = ["INSPECTION", "PERCEPTION"]
-
 _SHIPPED = load_settings()
 PERCEPTION = _SHIPPED.perception.settings()
 INSPECTION = _SHIPPED.inspection.settings(_SHIPPED.perception)

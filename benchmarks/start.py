@@ -25,8 +25,6 @@ from pathlib import Path
 from benchmarks.results_page import table
 from foldcell.cell.campaigns.trials.store import commit, cpu_model
 
-__all__ = ["PARTS", "Part", "Timing", "main", "measure"]
-
 ROOT = Path(__file__).resolve().parents[1]
 
 

@@ -28,8 +28,6 @@ from foldcell.skills.state_estimate.interrupted_fold import simulate_interruptio
 from foldcell.skills.state_estimate.observation import observe
 from foldcell.skills.vocabulary import Array, CameraFrame
 
-__all__ = ["Case", "cases", "estimate"]
-
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "results" / "state_estimate.md"
 GARMENTS = ("t_shirt:0", "pants:0", "small_towel:0", "small_towel:1", "medium_towel:0")
 """Garments, each with the index of the interrupted fold."""

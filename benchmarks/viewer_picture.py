@@ -17,8 +17,6 @@ from foldcell.cell.view.entries.entry import TIMELINE
 from foldcell.cell.view.viewer import find_viewer, free_port
 from foldcell.robots.errors import CellError
 
-__all__ = ["screenshot"]
-
 MENU_BAR = 36
 """Height of the viewer's menu, which is cut off [px]."""
 SETTLE_S = 2.0

@@ -28,8 +28,6 @@ from foldcell.skills.cloth.settings import SolverSettings
 from foldcell.skills.cloth.solver import ClothSimulation
 from foldcell.skills.vocabulary import Material
 
-__all__ = ["ANGLE", "BendingCalibration", "bending_length", "calibrate_bending", "cantilever", "peirce"]
-
 ANGLE = math.radians(41.5)
 """Slope of the plane that the tip has to reach [rad]."""
 MIN_LENGTH, MAX_LENGTH = 0.003, 0.10

@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 
 from foldcell.robots.ports import Array, frozen
 
-__all__ = ["BOARD", "DICTIONARY", "Board", "BoardView", "draw_view", "find_board"]
-
 DICTIONARY = "DICT_4X4_50"
 """OpenCV's name of the marker dictionary."""
 

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from foldcell.calibration.board import BOARD, DICTIONARY
 
-__all__ = ["PAGE", "PIXELS_PER_MM", "RULER_MM", "draw_sheet"]
-
 PAGE = (297, 210)
 """Width and height of the page (A4 landscape) [mm]."""
 PIXELS_PER_MM = 12

@@ -19,8 +19,6 @@ from foldcell.robots.errors import ConfigurationError
 from foldcell.robots.ports import BoardPlace, Intrinsics
 from foldcell.skills.vocabulary import Failure, FailureKind, Outcome
 
-__all__ = ["IntrinsicsCalibration", "calibrate_camera", "check_views", "fit_intrinsics"]
-
 PINHOLE = cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
 RADIAL = cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
 MIN_VIEWS = 5

@@ -32,16 +32,6 @@ from foldcell.skills.cloth.settings import CREASE_TIME, SolverSettings
 from foldcell.skills.cloth.solver import Capsules, ClothSimulation
 from foldcell.skills.vocabulary import Material
 
-__all__ = [
-    "CreaseCalibration",
-    "PressedCoupon",
-    "calibrate_crease",
-    "check_crease",
-    "kept_angle",
-    "load_pressure",
-    "press_coupons",
-]
-
 LENGTH, WIDTH, LOADED = 0.040, 0.015, 0.018
 """Length and width of the coupon, and depth of the weight on its folded end [m]."""
 LOADED_AREA = WIDTH * LOADED

@@ -19,28 +19,6 @@ from foldcell.robots.errors import FailureKind
 from foldcell.robots.ports import Array, BoardPlace, CameraFrame, Side, TactileReading
 from foldcell.skills.vocabulary import Outcome
 
-__all__ = [
-    "ANSWERABLE",
-    "Bring",
-    "Effect",
-    "Grip",
-    "Look",
-    "Note",
-    "Procedure",
-    "Reach",
-    "RecordTactile",
-    "Sight",
-    "Touch",
-    "TouchReadings",
-    "bring",
-    "grip",
-    "listen",
-    "look",
-    "note",
-    "reach",
-    "touch",
-]
-
 
 @dataclass(frozen=True)
 class Look:

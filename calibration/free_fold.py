@@ -29,8 +29,6 @@ from foldcell.skills.cloth.mesh import ClothMesh, mesh_from_contour
 from foldcell.skills.fold_plan.ideal_fold import ideal_folds
 from foldcell.skills.vocabulary import FoldLine, Material
 
-__all__ = ["FreeFold", "bending_length_of_fold", "calibrate_free_fold", "elastica_height", "free_fold"]
-
 THICKNESSES = 1.5
 """Height that the strip's thickness adds to the crease, in thicknesses."""
 MIN_LENGTH, MAX_LENGTH = 0.003, 0.10

@@ -22,8 +22,6 @@ from foldcell.skills.cloth.settings import SolverSettings
 from foldcell.skills.cloth.solver import ClothSimulation
 from foldcell.skills.vocabulary import Material
 
-__all__ = ["FrictionCalibration", "calibrate_friction", "friction_angle", "tilted"]
-
 MIN_ANGLE, MAX_ANGLE = math.radians(2.0), math.radians(60.0)
 START, MAX_FACTOR, STEP = 1.25, 5.0, 0.01
 """Frictions in units of tan(angle). START: friction with which the virtual table is lifted first. If the garment

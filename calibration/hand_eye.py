@@ -28,15 +28,6 @@ from foldcell.robots.ports import Array, BoardPlace, Intrinsics, Side, arm_slice
 from foldcell.skills.motion.kinematics.ik import tool_pose
 from foldcell.skills.vocabulary import CameraCalibration, Failure, FailureKind, Outcome, Table
 
-__all__ = [
-    "HandEyeCalibration",
-    "HandEyeSettings",
-    "HandView",
-    "board_poses",
-    "calibrate_hand_eye",
-    "fit_hand_eye",
-]
-
 PLACES = {Side.LEFT: BoardPlace.LEFT_HAND, Side.RIGHT: BoardPlace.RIGHT_HAND}
 MIN_VIEWS = 4
 """Smallest number of views in each hand. Three poses with rotations about two axes are the minimum. A fourth view

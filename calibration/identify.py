@@ -32,17 +32,6 @@ from foldcell.skills.cloth.pinch import PadGeometry
 from foldcell.skills.cloth.predict import predict_fold
 from foldcell.skills.vocabulary import GraspId, Material, ToolPath
 
-__all__ = [
-    "FRICTIONS",
-    "SIGMA",
-    "Candidates",
-    "FrictionEstimate",
-    "identify_friction",
-    "outline_residual",
-    "predict_candidates",
-    "silhouette",
-]
-
 FRICTIONS = (0.5, 0.65, 0.8, 1.0, 1.25, 1.6)
 """Factors by which the assumed friction is multiplied to give the candidate frictions."""
 BOUND = 0.5

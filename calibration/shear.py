@@ -33,19 +33,6 @@ from foldcell.skills.cloth.settings import SolverSettings
 from foldcell.skills.cloth.solver import ClothSimulation
 from foldcell.skills.vocabulary import REFERENCE_DROP, Material
 
-__all__ = [
-    "WIDEST_CLIP",
-    "HungShape",
-    "ShearCalibration",
-    "calibrate_shear",
-    "clip_and_lowest",
-    "clip_width",
-    "elongations",
-    "hang",
-    "hung_shape",
-    "stretch_fraction",
-]
-
 CLIP = 0.04
 """Width of the clip (or of the fingers) that holds the garment [m]."""
 WIDEST_CLIP = 1.5 * CLIP

@@ -19,16 +19,6 @@ from foldcell.robots.errors import ConfigurationError
 from foldcell.robots.ports import Array, Side
 from foldcell.skills.vocabulary import Failure, FailureKind, Outcome, Table
 
-__all__ = [
-    "MOST_POINTS",
-    "TableCalibration",
-    "calibrate_table",
-    "check_points",
-    "contact_height",
-    "fit_plane",
-    "on_table",
-]
-
 # (side, x, y [m]) of the touched points, all reachable from above. The first three points span a triangle. Both
 # arms touch the middle.
 LAYOUT = (

@@ -20,15 +20,6 @@ from foldcell.skills.grasping.descend import CONTACT_READINGS
 from foldcell.skills.grasping.tare import TARE_READINGS
 from foldcell.skills.vocabulary import Failure, FailureKind, Outcome, Table, skill
 
-__all__ = [
-    "FingerFigures",
-    "TactileCalibration",
-    "calibrate_tactile",
-    "false_contacts",
-    "finger_figures",
-    "thresholds",
-]
-
 POINTS = {Side.LEFT: (0.55, 0.25), Side.RIGHT: (0.55, -0.25)}
 
 

@@ -14,8 +14,6 @@ from typing import Any, ParamSpec, TypeVar
 
 from foldcell.robots.errors import ConfigurationError
 
-__all__ = ["flag", "number", "own_numeric_state", "path", "plain", "text", "whole"]
-
 P = ParamSpec("P")
 R = TypeVar("R")
 

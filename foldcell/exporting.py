@@ -12,8 +12,6 @@ from foldcell.optimising import OptimisedFold
 from foldcell.robots.errors import ConfigurationError
 from foldcell.skills.trajectory.export import MARKS, tool_poses_text
 
-__all__ = ["export"]
-
 
 @own_numeric_state
 def export(folds: Sequence[OptimisedFold], file: str | Path) -> Path:

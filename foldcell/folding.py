@@ -14,8 +14,6 @@ from foldcell.cell.support.files.paths import logs_directory, prepare_logs
 from foldcell.robots.errors import ConfigurationError
 from foldcell.settings import Settings, cell_settings
 
-__all__ = ["fold"]
-
 LARGEST_SEED = 2**31 - 1
 _ONE_RUN = Lock()
 """A run uses signals, terminal and physics engine, which a process has only once."""

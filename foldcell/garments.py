@@ -14,8 +14,6 @@ from foldcell.robots.errors import ConfigurationError
 from foldcell.settings import Settings, cell_settings
 from foldcell.skills.garments.picture_measure import as_laid
 
-__all__ = ["new_garment"]
-
 
 @own_numeric_state
 def new_garment(

@@ -16,8 +16,6 @@ from foldcell.cell.transcript.transcript import TRANSCRIPT, Transcript
 from foldcell.robots.errors import ConfigurationError
 from foldcell.robots.ports import Array
 
-__all__ = ["Run", "load_run"]
-
 
 @dataclass(frozen=True, eq=False)
 class Run:

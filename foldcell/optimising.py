@@ -14,8 +14,6 @@ from foldcell.robots.ports import Array
 from foldcell.settings import Settings, cell_settings
 from foldcell.skills.trajectory.export import pose_rows
 
-__all__ = ["OptimisedFold", "optimise"]
-
 
 @dataclass(frozen=True, eq=False)
 class OptimisedFold:

@@ -18,8 +18,6 @@ from foldcell.robots.errors import ConfigurationError, Failure
 from foldcell.robots.ports import Array
 from foldcell.settings import Settings, cell_settings
 
-__all__ = ["Image", "PerceivedGarment", "perceive"]
-
 Image: TypeAlias = NDArray[Any] | Path | str
 """An array, or the path of a file."""
 

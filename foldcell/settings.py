@@ -9,8 +9,6 @@ from typing import Any, TypeAlias
 from foldcell.arguments import path, plain
 from foldcell.cell.config.cell_settings import CellSettings, load_settings, overlaid
 
-__all__ = ["Settings", "cell_settings"]
-
 Settings: TypeAlias = CellSettings | Mapping[str, Any] | Path | str | None
 """A settings file, a mapping of the values that differ from the shipped settings (as in a file: `{"optimiser":
 {"method": "initial"}}`), loaded settings, or None for the shipped settings."""

@@ -8,8 +8,6 @@ import numpy as np
 
 from foldcell.robots.ports import Array, Intrinsics
 
-__all__ = ["XTION", "CameraMount", "look_at"]
-
 _VIEW = np.radians((58.0, 45.0))
 XTION = Intrinsics(
     width=640,

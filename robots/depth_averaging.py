@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from foldcell.robots.ports import frozen
 
-__all__ = ["EVERY_S", "EXPOSURES", "mean_depth"]
-
 EXPOSURES = 8
 """Number of exposures of a still picture."""
 EVERY_S = 1.0 / 30.0

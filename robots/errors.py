@@ -13,17 +13,6 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
-__all__ = [
-    "CellError",
-    "ConfigurationError",
-    "DriverError",
-    "Failure",
-    "FailureKind",
-    "InternalError",
-    "RecordError",
-    "StorageError",
-]
-
 
 class FailureKind(StrEnum):
     """All kinds of failure of a fold."""

@@ -7,8 +7,6 @@ from pathlib import Path
 
 from foldcell.robots.errors import ConfigurationError
 
-__all__ = ["package_root", "read_description"]
-
 
 def package_root() -> Path:
     """Return the folder that contains the package `example-robot-data` of the URDFs' `package://` URIs. Raises

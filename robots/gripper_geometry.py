@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 from foldcell.robots.ports import Side
 
-__all__ = ["GripperGeometry"]
-
 
 @dataclass(frozen=True)
 class GripperGeometry:

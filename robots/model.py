@@ -15,8 +15,6 @@ import pinocchio as pin
 from foldcell.robots.errors import ConfigurationError
 from foldcell.robots.ports import Array, Side, arm_slice, frozen
 
-__all__ = ["ArmChain", "JointLimits", "RobotModel", "arm_chain"]
-
 
 @dataclass(frozen=True, eq=False)
 class JointLimits:

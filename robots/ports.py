@@ -35,31 +35,6 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = [
-    "ArmTrajectory",
-    "Arms",
-    "Array",
-    "Attendant",
-    "BoardPlace",
-    "Camera",
-    "CameraFrame",
-    "Clock",
-    "Gripper",
-    "GripperState",
-    "Head",
-    "Intrinsics",
-    "JointSetpoint",
-    "JointState",
-    "Ports",
-    "Side",
-    "Stop",
-    "StopState",
-    "Tactile",
-    "TactileReading",
-    "arm_slice",
-    "frozen",
-]
-
 Array = NDArray[np.float64]
 
 

@@ -22,8 +22,6 @@ from foldcell import robots
 from foldcell.robots.errors import ConfigurationError
 from foldcell.robots.robot import Robot
 
-__all__ = ["DEFAULT", "GROUP", "find_robot", "list_robots"]
-
 GROUP = "foldcell.robots"
 """Group of the entry points."""
 DEFAULT = "baxter"

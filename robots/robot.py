@@ -19,8 +19,6 @@ from foldcell.robots.ros.driver import RosDriver
 if TYPE_CHECKING:
     from foldcell.robots.model import RobotModel  # which loads Pinocchio
 
-__all__ = ["Robot", "RobotVisual", "SimulatedBody", "Simulation"]
-
 
 @dataclass(frozen=True)
 class RobotVisual:

@@ -7,8 +7,6 @@ import numpy as np
 from foldcell.robots.model import JointLimits
 from foldcell.robots.ports import Array, JointSetpoint, frozen
 
-__all__ = ["JUMP_TIME", "clip_setpoint"]
-
 JUMP_TIME = 0.04
 """Largest step between set-points, expressed as the time in which the joints travel it at full speed [s]."""
 

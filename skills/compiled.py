@@ -29,8 +29,6 @@ from numba.core.event import trigger_event
 
 from foldcell.skills.lean_compilation import lean_compilation
 
-__all__ = ["COMPILER", "WAITING", "FallibleCache", "abandon_compilation", "cached"]
-
 INSTALLED = frozenset({"site-packages", "dist-packages"})
 WAITING = "foldcell:waiting"
 """Kind of the event while this process waits for code that another one compiles. Data: the function's `module`."""

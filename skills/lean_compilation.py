@@ -22,8 +22,6 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.environment import lookup_environment
 from numba.core.registry import cpu_target
 
-__all__ = ["lean_compilation"]
-
 WRITTEN_FOR = "0.68."
 """Beginning of numba's version. Another version compiles in its own manner."""
 OBJECTS = 100_000

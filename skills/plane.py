@@ -8,8 +8,6 @@ import numpy as np
 
 from foldcell.robots.ports import Array
 
-__all__ = ["barycentric", "cross", "lengths_along", "resampled", "rotation"]
-
 NO_AREA = 1e-12
 """A triangle with less than half this area has no barycentric coordinates [m2]."""
 

@@ -13,8 +13,6 @@ from foldcell.skills.perception.inspection.result import Inspection
 from foldcell.skills.perception.rectification.table_view import TableView
 from foldcell.skills.vocabulary import Array
 
-__all__ = ["a_claim", "grid_triangles", "inspection", "on_table"]
-
 
 def on_table(view: TableView, height: float = 0.0) -> Array:
     """The places (H, W, 2) that the pixels of a view show at a height above the table [m]."""

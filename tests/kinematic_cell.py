@@ -33,8 +33,6 @@ from foldcell.skills.motion.kinematics.ik import tool_pose
 from foldcell.skills.motion.validation.collision import CollisionChecker
 from foldcell.skills.vocabulary import CameraCalibration, Table
 
-__all__ = ["KinematicCell", "kinematic_rig"]
-
 STEP = 0.005  # [s]
 BRAKE = 6.0  # [rad/s2]
 FOLLOW = 0.02  # time constant of the arms [s]

@@ -8,8 +8,6 @@ from typing import Any
 
 import matplotlib
 
-__all__ = ["performed"]
-
 LEARN = Path(__file__).resolve().parents[1] / "docs" / "learn"
 
 

@@ -15,21 +15,6 @@ import pytest
 
 from foldcell.robots.ros.installation import PACKAGES, find_ros
 
-__all__ = [
-    "ALLOWED_SKIPS",
-    "BROWSER",
-    "BUILD",
-    "GIT",
-    "MUJOCO",
-    "PANDAS",
-    "ROS",
-    "SITE",
-    "SITE_PROGRAM",
-    "OptionalPart",
-    "may_be_skipped",
-    "skip_summary",
-]
-
 ALLOWED_SKIPS = "FOLDCELL_ALLOWED_SKIPS"
 """Environment variable: comma-separated names of the parts whose tests may be skipped. If the variable is set,
 even to an empty value, every other skip is a failure. If it is not set, every skip is allowed."""

@@ -17,8 +17,6 @@ import pinocchio as pin
 from foldcell.robots.model import JointLimits, RobotModel, arm_chain
 from foldcell.robots.ports import Array, Side, frozen
 
-__all__ = ["load_pandas"]
-
 JOINTS = tuple(f"panda_joint{i}" for i in range(1, 8))
 BASES = {Side.LEFT: 0.32, Side.RIGHT: -0.32}
 """y of each arm's base [m]. Both bases are at x = 0, z = 0 and face along x."""

@@ -14,8 +14,6 @@ import pytest
 
 from tests.optional_parts import ROS, ROS_PATH
 
-__all__ = ["rosmaster"]
-
 BEGIN_S = 30.0
 
 

@@ -28,16 +28,6 @@ from foldcell.cell.states.run_context import Result, RunContext
 from foldcell.cell.states.transition_table import Effect, Event
 from foldcell.robots.ports import Array, JointSetpoint, Ports
 
-__all__ = [
-    "FEW_PICTURES",
-    "PLAIN",
-    "LastCommand",
-    "Onlooker",
-    "decided_again",
-    "fold_request",
-    "once_folded_towel",
-]
-
 PLAIN: Mapping[str, Mapping[str, Any]] = {"optimiser": {"method": "initial", "use_library": False}}
 """One simulation instead of an optimisation, for tests in which the quality of the fold does not matter."""
 

@@ -13,8 +13,6 @@ from foldcell.robots.ports import Array, Side
 from foldcell.skills.motion.kinematics.ik import solve_pose
 from foldcell.skills.vocabulary import tool_rotation
 
-__all__ = ["BLIND", "DT", "QUIET", "Bench", "corner"]
-
 BLIND = SimulationSettings(garment="small_towel", render=False)
 QUIET = SimulationSettings(
     garment="small_towel", render=False, robot_noise=False, camera_noise=False, garment_noise=False

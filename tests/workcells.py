@@ -19,8 +19,6 @@ from foldcell.cell.view.recorder import Recorder
 from foldcell.skills.trajectory.trajectory_library import Library
 from tests.fakes import FakeCell
 
-__all__ = ["fake_workcell"]
-
 
 @cache
 def _shipped() -> CellSettings:

@@ -10,8 +10,6 @@ from typing import Any
 
 from benchmarks.cell import journal, runs, stopping
 
-__all__ = ["measure"]
-
 
 def measure(tell: Callable[[str], None], *, peers: bool, quick: bool) -> dict[str, Any]:
     """Measure everything in simulated runs. Return one flat mapping of figures with units in the keys. quick:

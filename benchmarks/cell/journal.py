@@ -19,8 +19,6 @@ import numpy as np
 
 from foldcell.cell.journal.journal import Journal
 
-__all__ = ["measure"]
-
 PAYLOAD = {"step": 1, "attempt": 0, "event": "done", "figures": [0.123456789] * 12}
 
 

@@ -19,8 +19,6 @@ from foldcell.cell.states.observers import Step
 from foldcell.cell.states.run_context import Result
 from foldcell.cell.states.transition_table import Effect
 
-__all__ = ["measure"]
-
 GARMENT, SEED = "small_towel", 1
 KINDS: dict[str, dict[str, Any]] = {
     "run": {},

@@ -24,8 +24,6 @@ from foldcell.robots.baxter.robot import load_model
 from foldcell.robots.ports import Array, Ports, Side, arm_slice
 from foldcell.skills.motion.kinematics.ik import tool_pose
 
-__all__ = ["measure"]
-
 GARMENT = "small_towel"
 MOVING, AT_REST = 0.15, 0.02
 """Joint speed [rad/s] above which the arms count as moving, and below which they count as at rest."""

@@ -19,8 +19,6 @@ from foldcell.skills.scoring.score import named_edge_pairs
 from foldcell.skills.scoring.verdict import IdealHeights
 from foldcell.skills.vocabulary import Array
 
-__all__ = ["IdealFolds", "ideal_folds_of"]
-
 
 @dataclass(frozen=True, eq=False)
 class IdealFolds:

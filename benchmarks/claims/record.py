@@ -19,8 +19,6 @@ from benchmarks.score_matrix import KINDS, OTHER_KINDS, judged, spoiled
 from foldcell.cell.states.run_context import RunContext
 from foldcell.cell.support.files.whole_file import write_whole
 
-__all__ = ["IDEAL", "VARIANTS", "FoldRecord", "recorded"]
-
 IDEAL = ("ideal", 0)
 VARIANTS = ((*IDEAL,), *((kind, k) for kind in KINDS for k in (0, 1)), *((kind, 0) for kind in OTHER_KINDS))
 """Shapes that are shown: the ideal fold, and the kinds of spoiled folds with their variants."""

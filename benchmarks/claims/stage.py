@@ -36,10 +36,8 @@ from foldcell.cell.view.recorder import Recorder
 from foldcell.robots.depth_averaging import EXPOSURES
 from foldcell.robots.errors import CellError
 from foldcell.robots.ports import CameraFrame, Ports
-from foldcell.skills.perception.inspection.inspect import Inspection
+from foldcell.skills.perception.inspection.result import Inspection
 from foldcell.skills.vocabulary import Array
-
-__all__ = ["Stage", "StageError", "judge_shown", "open_executive", "open_stage", "open_world", "planned_attempt"]
 
 
 class StageError(CellError):

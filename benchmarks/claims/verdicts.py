@@ -18,8 +18,6 @@ from foldcell.cell.states.run_context import RunContext
 from foldcell.robots.ports import Ports, StopState
 from foldcell.skills.perception.inspection.claim import Claim
 
-__all__ = ["Verdict", "caught_by", "verdicts"]
-
 
 @dataclass(frozen=True)
 class Verdict:

@@ -21,8 +21,6 @@ from typing import Any
 from benchmarks.kept import Kept, fingerprint
 from foldcell.robots.errors import ConfigurationError
 
-__all__ = ["PARTS", "Tell", "measure"]
-
 Tell = Callable[[str], None]
 """Function that shows one line of progress to the user."""
 PEER_FIGURE = "mujoco_final_error_difference_mm"

@@ -27,8 +27,6 @@ from foldcell.skills.fold_figures.fold_figures import TableRaster
 from foldcell.skills.fold_plan.folding import crease_segments
 from foldcell.skills.vocabulary import FoldLine, Material, frozen
 
-__all__ = ["crease_height"]
-
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "results" / "creases.md"
 SHEET = np.array([[0.0, 0.0], [0.4, 0.0], [0.4, 0.2], [0.0, 0.2]])
 LINES = (

@@ -15,9 +15,6 @@ from benchmarks.figures_file import command, read_figures
 from benchmarks.results_page import Row, plain, table, table_of_rows
 from foldcell.robots.errors import ConfigurationError
 
-__all__ = ["main", "page"]
-
-
 SPEED = "Speed (simulated seconds per CPU second of one thread)"
 SECTIONS: Mapping[str, Sequence[Row]] = {
     SPEED: (

@@ -14,8 +14,6 @@ from benchmarks.inputs.samples import KINDS, ODD
 from foldcell.cell.commands.main import build_parser
 from foldcell.cell.config.garments.garment_file import list_garments
 
-__all__ = ["LEAVES", "Case", "Damage", "cases"]
-
 
 @dataclass(frozen=True)
 class Damage:

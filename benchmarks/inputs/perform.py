@@ -28,8 +28,6 @@ from benchmarks.inputs.cases import Case
 from benchmarks.inputs.samples import KINDS
 from foldcell.robots.errors import ConfigurationError
 
-__all__ = ["LONGEST_S", "perform"]
-
 LONGEST_S = 60.0
 """A case that takes longer hangs [s]."""
 MOST_MEMORY = 2.0

@@ -21,8 +21,6 @@ from foldcell.cell.runs.request_file import keep_request
 from foldcell.cell.states.fold_request import FoldRequest
 from foldcell.cell.support.files.paths import repository_root
 
-__all__ = ["KINDS", "ODD", "make_samples"]
-
 KINDS: Mapping[str, str] = {
     "garment": "my_towel.yaml",
     "cell": "cell.yaml",

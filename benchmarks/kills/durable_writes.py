@@ -19,10 +19,9 @@ from functools import wraps
 from pathlib import Path
 from typing import Any
 
-from foldcell.cell.journal.journal import Journal, RunJournal, to_json
+from foldcell.cell.journal.journal import Journal, RunJournal
 from foldcell.cell.runs import checkpoint_writer
-
-__all__ = ["DurableWrite", "read_writes", "watch"]
+from foldcell.cell.support.json_values import to_json
 
 
 @dataclass(frozen=True)

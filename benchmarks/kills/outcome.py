@@ -10,8 +10,6 @@ from benchmarks.kills.durable_writes import DurableWrite
 from foldcell.cell.journal.journal import Entry, JournalRun
 from foldcell.cell.runs.resumable import RESUMED_FROM
 
-__all__ = ["Outcome", "Resumed", "lost", "place_of", "resume_event"]
-
 NOTHING_BEGUN, ALREADY_FOLDED = "nothing begun", "folded before the kill"
 
 

@@ -17,8 +17,6 @@ from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.config.garments.garment_file import list_garments
 from foldcell.robots.baxter.robot import load_model
 
-__all__ = ["measure"]
-
 
 def measure(tell: Callable[[str], None], *, peers: bool, quick: bool) -> dict[str, Any]:
     """Measure everything. Return one flat mapping of figures with units in the keys. quick: few samples."""

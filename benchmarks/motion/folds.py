@@ -25,8 +25,6 @@ from foldcell.skills.motion.timing import timing
 from foldcell.skills.motion.validation.collision import CollisionChecker
 from foldcell.skills.vocabulary import ToolPath
 
-__all__ = ["measure_folds"]
-
 FINE = 0.001
 """Sampling period at which limits are checked [s]."""
 DEVIATION_SAMPLE = 0.005

@@ -23,8 +23,6 @@ from foldcell.robots.ports import Array, Side, arm_slice
 from foldcell.robots.urdf.converted import moving_urdf
 from foldcell.skills.motion.kinematics import ik
 
-__all__ = ["measure_kinematics"]
-
 POSITION, ANGLE = 0.001, np.deg2rad(0.5)
 STARTS = 60
 """Number of random starts of our solver, besides the parked pose. They are the same for all poses."""

@@ -10,8 +10,6 @@ from foldcell.robots.ports import Array
 from foldcell.skills.motion.kinematics import ik
 from foldcell.skills.motion.validation.collision import CollisionChecker
 
-__all__ = ["clearance", "jacobian"]
-
 
 def clearance(checker: CollisionChecker, q: Array, *, allow_fingertips: bool = False) -> float:
     """Compute the smallest distance of all pairs at q (joints,) [m]. allow_fingertips: ignore the pairs of fingers

@@ -14,8 +14,6 @@ from foldcell.skills.garments.garment import Garment
 from foldcell.skills.trajectory.search.optimise import plain_paths
 from foldcell.skills.vocabulary import FoldStep, GraspId, ToolPath
 
-__all__ = ["Task", "tasks"]
-
 
 @dataclass(frozen=True, eq=False)
 class Task:

@@ -19,8 +19,6 @@ from websockets.sync.client import ClientConnection, connect
 
 from foldcell.robots.errors import ConfigurationError
 
-__all__ = ["Chromium", "Tab", "keep_picture"]
-
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
 SIZE = 1600, 1000
 """Size of the window [px]."""

@@ -17,8 +17,6 @@ from typing import Any, Self
 
 from foldcell.cell.support.files.paths import journal_path
 
-__all__ = ["Run", "spinning", "unsupervised"]
-
 MAIN = (sys.executable, "-m", "foldcell.cell.commands.main")
 QUESTIONS = ("awaiting_approval", "awaiting_pressing", "asking")
 LONGEST_S = 1200.0

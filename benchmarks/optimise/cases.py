@@ -20,8 +20,6 @@ from foldcell.skills.trajectory.arcs.frame import frames_of
 from foldcell.skills.trajectory.arcs.paths import LIFT_HEIGHT, fold_paths, lifted
 from foldcell.skills.vocabulary import FoldStep, GraspId, Material
 
-__all__ = ["Case", "Controls", "initial", "judge", "prepare"]
-
 Controls = Mapping[GraspId, Array]
 
 PERTURBED, SHIFT = 6, 0.0005

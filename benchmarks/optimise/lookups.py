@@ -18,8 +18,6 @@ from foldcell.skills.trajectory.search.optimise import optimise_fold
 from foldcell.skills.trajectory.trajectory_library import LibraryEntry, lookup, trajectory_from
 from foldcell.skills.vocabulary import GraspId, GraspTrajectory, Material
 
-__all__ = ["measure_lookup_times", "measure_lookups", "summary_of_lookups"]
-
 SIZES = (0.8, 1.2)
 JUDGES = 3
 LARGE_GAP_MM = 5.0

@@ -15,8 +15,6 @@ from benchmarks.optimise import GAP
 from benchmarks.results_page import Row, plain, table, table_of_rows
 from foldcell.robots.errors import ConfigurationError
 
-__all__ = ["main", "page"]
-
 BARS = (
     Row(f"smallest share of a gap that is closed (gaps from {1e3 * GAP:g} mm)", "gap_closed_min", 0.6, True),
     Row("median share of a gap that is closed", "gap_closed_median"),

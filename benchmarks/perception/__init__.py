@@ -28,8 +28,6 @@ from foldcell.skills.garments.garment import Garment
 from foldcell.skills.perception.perceive import perceive
 from foldcell.skills.vocabulary import Outcome
 
-__all__ = ["measure"]
-
 SCENES, QUICK_SCENES = 400, 33
 FOLDS, QUICK_FOLDS = 60, 4
 HELD_OUT = 500_000

@@ -26,8 +26,6 @@ from foldcell.robots.errors import ConfigurationError
 from foldcell.skills.perception.drawing import draw_fitting
 from foldcell.skills.perception.perceive import perceive
 
-__all__ = ["draw_example", "main", "write"]
-
 DOCS = Path(__file__).parents[2] / "docs"
 EXAMPLE = ("long_sleeve_shirt_large", 2)
 BARS = {

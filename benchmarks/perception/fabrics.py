@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from foldcell.cell.simulation.garment.fabric import SIZE, TABLE_HSV, contrasting_colour, fabric_texture
 from foldcell.robots.ports import Array
 
-__all__ = ["LEAST_DIFFERENCE", "Light", "colour_difference", "draw_fabric"]
-
 Texture = NDArray[np.uint8]
 
 LEAST_DIFFERENCE = 15.0

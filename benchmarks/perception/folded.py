@@ -39,8 +39,6 @@ from foldcell.skills.perception.perceive import perceive
 from foldcell.skills.perception.rectification.camera_refinement import refine_calibration
 from foldcell.skills.vocabulary import CameraCalibration, FoldStep, GarmentState, PredictedShape, frozen
 
-__all__ = ["CURVES", "Folded", "measure_inspection", "open_folded"]
-
 FOLDS = (
     *((towel, index) for towel in ("small_towel", "medium_towel", "large_towel") for index in (0, 1)),
     ("pants", 0), ("pants", 1), ("jeans", 0), ("jeans", 1),

@@ -22,8 +22,6 @@ from foldcell.skills.perception.registration.register import FitSettings, fit
 from foldcell.skills.perception.segmentation.watershed import segment_watershed
 from foldcell.skills.plane import rotation
 
-__all__ = ["paper_keypoints"]
-
 SETTINGS = FitSettings(weights=replace(EnergyWeights(), cover=0.0), updates=40, reduction=0.01)
 
 

@@ -15,8 +15,6 @@ from foldcell.robots.ports import Array
 from foldcell.skills.cloth.mesh import ClothMesh, mesh_from_contour
 from foldcell.skills.garments.garment import Garment
 
-__all__ = ["Laying", "Piece", "dense", "draw_piece", "wrinkles"]
-
 Map = Callable[[Array], Array]
 MESH_EDGE = 0.026  # [m]
 

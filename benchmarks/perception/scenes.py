@@ -34,8 +34,6 @@ from foldcell.skills.garments.garment import Garment
 from foldcell.skills.perception.rectification.camera_refinement import refine_calibration
 from foldcell.skills.vocabulary import CameraCalibration, Table
 
-__all__ = ["TABLE", "LabelledScene", "Studio", "draw_scene", "open_studio"]
-
 TABLE: Table = DEFAULT_TABLE
 SURFACES = ("bare_table", "laminate", "felt")
 INTRINSICS = MOUNT.intrinsics

@@ -20,8 +20,6 @@ from foldcell.skills.perception.perceive import perceive
 from foldcell.skills.perception.rectification.camera_refinement import refine_calibration
 from foldcell.skills.vocabulary import CameraCalibration
 
-__all__ = ["STRANGERS", "draw_stranger", "measure_strangers"]
-
 
 def _plate(rng: np.random.Generator) -> Array:
     a = np.linspace(0, 2 * np.pi, 48, endpoint=False)

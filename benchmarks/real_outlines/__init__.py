@@ -17,8 +17,6 @@ import numpy as np
 from foldcell.cell.config.yaml_file import read_yaml
 from foldcell.robots.ports import Array
 
-__all__ = ["LIKE", "RealGarment", "real_garments"]
-
 _FOLDER = Path(__file__).parent
 LIKE = {"t_shirt": "t_shirt", "long_sleeve_shirt": "long_sleeve_shirt_small", "pants": "pants"}
 """The shipped garment of each category to which these garments are compared."""

@@ -9,8 +9,6 @@ from collections.abc import Iterator, Mapping
 from benchmarks.reference.markdown import cell, table
 from foldcell.cell.commands.main import COMMANDS, EPILOG, build_parser
 
-__all__ = ["PARTS", "pages"]
-
 PARTS: Mapping[str, tuple[str, tuple[str, ...]]] = {
     "run": ("Commands that run the cell", ("run",)),
     "calibrate": ("Commands that calibrate", ("calibrate",)),

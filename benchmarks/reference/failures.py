@@ -15,8 +15,6 @@ from foldcell.cell.record.words import plain
 from foldcell.cell.states.recovery_table import RECOVERIES
 from foldcell.robots.errors import FailureKind
 
-__all__ = ["CAUSES", "PARTS", "Message", "messages", "pages"]
-
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = ("cell", "skills", "robots", "calibration", "foldcell")
 REFUSALS = ("ConfigurationError", "StorageError", "InternalError", "RecordError")

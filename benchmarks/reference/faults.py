@@ -6,8 +6,6 @@ from benchmarks.reference.markdown import table as _table
 from foldcell.cell.campaigns.faults.fault_table import FaultEntry, read_fault_table
 from foldcell.cell.simulation import TRAITS
 
-__all__ = ["page"]
-
 INTRO = """# Which faults are rehearsed, and how they should end
 
 The simulated cell can be given any of these faults, at a moment that the seed draws. Each has an end that is

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-__all__ = ["cell", "table"]
-
 
 def cell(text: str) -> str:
     """Return a text for a cell of a table, without marks."""

@@ -6,8 +6,6 @@ from pathlib import Path
 
 from benchmarks.reference import commands, failures, faults, python_api, recoveries, schemas
 
-__all__ = ["FOLDER", "pages"]
-
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "docs"
 

@@ -7,8 +7,6 @@ from collections.abc import Callable
 
 import foldcell
 
-__all__ = ["pages"]
-
 ABOUT = (
     "`import foldcell`. `python -m benchmarks.reference` writes this page from the docstrings; [from"
     " Python](../learn/python.md) has examples. Lengths are in metres, angles in radians, times in seconds."

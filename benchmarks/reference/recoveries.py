@@ -8,8 +8,6 @@ from collections.abc import Iterable
 from foldcell.cell.states.recovery_table import RECOVERIES, SUBSTITUTES, WITHOUT_EDITS, Adjustment, Recovery
 from foldcell.cell.states.situation import Condition
 
-__all__ = ["page"]
-
 INTRO = """# What the cell tries after a failure
 
 The table is `cell/states/recovery_table.py`; `python -m benchmarks.reference` writes it here. The rows of a

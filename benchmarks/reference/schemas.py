@@ -16,8 +16,6 @@ from foldcell.cell.config.garments.garment_file import AVERAGE, _GarmentFile
 from foldcell.cell.record.run_record import RunRecord
 from foldcell.cell.states.commands import OPERATOR_EVENTS
 
-__all__ = ["pages"]
-
 Schema = Mapping[str, Any]
 PART = "PART"
 """Stands for the word before the name of a part in the anchor of its heading."""

@@ -34,8 +34,6 @@ from foldcell.robots.ports import BoardPlace, Side, TactileReading
 from foldcell.skills.grasping.hand_reading import GripCommand
 from foldcell.skills.vocabulary import Outcome, refuse, skill
 
-__all__ = ["STATE", "ProcedureRunner"]
-
 STATE = "calibrating"
 GRIP_S = 0.8
 IN_HAND = {BoardPlace.LEFT_HAND: Side.LEFT, BoardPlace.RIGHT_HAND: Side.RIGHT}

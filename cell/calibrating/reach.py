@@ -30,8 +30,6 @@ from foldcell.skills.motion.validation.collision import (
 )
 from foldcell.skills.vocabulary import Outcome, refuse, skill
 
-__all__ = ["holding_board", "reach", "settled_joints", "with_board"]
-
 CARD = 0.006
 """Thickness of the board's collision shape [m]."""
 SETTLE_S = 0.3

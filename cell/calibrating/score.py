@@ -13,8 +13,6 @@ from foldcell.cell.simulation import Truth
 from foldcell.cell.simulation.noise import load_noise
 from foldcell.skills.vocabulary import Array, Intrinsics, Table
 
-__all__ = ["hand_eye_error", "intrinsics_error", "table_error", "tactile_error"]
-
 
 def table_error(found: TableCalibration, truth: Truth) -> dict[str, float]:
     return {"height_error_mm": round(1e3 * (found.height - truth.table_height), 4)}

@@ -50,8 +50,6 @@ from foldcell.robots.errors import (
 from foldcell.robots.ports import Stop
 from foldcell.skills.vocabulary import Outcome
 
-__all__ = ["CalibrationEnd", "CalibrationPrompts", "CalibrationRequest", "Session", "calibrate", "perform_session"]
-
 T = TypeVar("T")
 Script = Callable[[OpenCell], None]
 

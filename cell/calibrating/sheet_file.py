@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 from foldcell.cell.support.files.whole_file import PNG_MARK, marked_png
 from foldcell.robots.errors import InternalError
 
-__all__ = ["SHEET_FORMATS", "SHEET_MARKS", "pdf_page", "png_page"]
-
 Picture = NDArray[np.uint8]
 POINT_MM = 25.4 / 72.0
 

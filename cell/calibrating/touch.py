@@ -30,8 +30,6 @@ from foldcell.skills.motion.moves.lift import plan_lift
 from foldcell.skills.motion.timing.jerk_limiter import JerkLimiter
 from foldcell.skills.vocabulary import GraspId, Outcome, ToolPath, refuse, skill, tool_rotation
 
-__all__ = ["park_other", "touch_table"]
-
 ABOVE = 0.08
 """Height above the configured table at which the descent begins [m]."""
 CLOSING_S = 1.0

@@ -14,8 +14,6 @@ from foldcell.cell.campaigns.trials.store import cpu_model, program_versions
 from foldcell.cell.support.process.workers import worker_pool
 from foldcell.robots.errors import ConfigurationError
 
-__all__ = ["RUNS_EACH", "Workers", "chosen_workers", "cluster_workers", "local_workers", "process_died"]
-
 RUNS_EACH = 8
 """A worker process of this machine is replaced after this number of runs, so that its memory use stays limited."""
 MEMORY_EACH = 2**30

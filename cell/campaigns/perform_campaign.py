@@ -22,8 +22,6 @@ from foldcell.cell.support.files.whole_file import write_whole
 from foldcell.cell.support.json_values import write_json
 from foldcell.robots.errors import StorageError
 
-__all__ = ["ATTEMPTS", "perform_campaign", "run_trials"]
-
 ATTEMPTS = 3
 """Maximum number of starts of a run. A run is started again only if its worker process died."""
 WRITE_EVERY_S = 10.0

@@ -13,8 +13,6 @@ from foldcell.cell.campaigns.trials.campaign import Campaign
 from foldcell.cell.campaigns.trials.trial import Trial
 from foldcell.cell.support.json_values import to_json
 
-__all__ = ["RESULTS", "CampaignResults", "VariantResults"]
-
 RESULTS = "trials.json"
 SCHEMA = 2
 

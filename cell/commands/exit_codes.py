@@ -20,8 +20,6 @@ from foldcell.cell.support.process.signals import BY_SIGNAL, Terminated, unwindi
 from foldcell.cell.support.process.standard_streams import lasting_streams
 from foldcell.robots.errors import CellError, ConfigurationError, StorageError
 
-__all__ = ["FAULT", "INTERRUPTED", "OK", "USAGE", "framed"]
-
 OK, FAULT, USAGE, INTERRUPTED = 0, 3, 64, 130
 """Exit codes, in this order: done; fault; bad usage, configuration or logs; SIGINT. The
 codes of SIGHUP (129) and SIGTERM (143) follow from BY_SIGNAL in cell/support/process/signals.py."""

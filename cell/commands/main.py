@@ -19,8 +19,6 @@ from foldcell.cell.commands.exit_codes import USAGE, framed
 from foldcell.cell.commands.shared import add_command, performed_by
 from foldcell.cell.support.files.paths import checked_name
 
-__all__ = ["build_parser", "main"]
-
 COMMANDS: Mapping[str, tuple[str | tuple[str, ...], str]] = {
     "fold": ("run.fold", "fold one garment, from a picture of it to a picture of the result"),
     "supervise": ("run.supervise", "fold with an operator, who sees and approves each fold first"),

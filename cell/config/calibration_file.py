@@ -29,17 +29,6 @@ from foldcell.cell.config.yaml_file import read_yaml, validated
 from foldcell.robots.errors import ConfigurationError
 from foldcell.skills.vocabulary import Array, CameraCalibration, Intrinsics, Table, frozen
 
-__all__ = [
-    "CameraFile",
-    "calibration_text",
-    "load_camera_calibration",
-    "load_table_height",
-    "load_tactile_thresholds",
-    "read_camera_file",
-    "table_text",
-    "tactile_text",
-]
-
 FARTHEST_CENTRE = 0.1
 """Largest distance of the principal point from the picture's middle, as a share of its width or height. The
 lenses of RGB-D cameras are centred within a few per cent. More means the values of another resolution."""

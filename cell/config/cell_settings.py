@@ -35,29 +35,8 @@ if TYPE_CHECKING:
     from foldcell.skills.cloth.pinch import PadGeometry
     from foldcell.skills.grasping.settings import GraspSettings
     from foldcell.skills.perception.inspection.claim import ClaimSettings
-    from foldcell.skills.perception.inspection.inspect import InspectionSettings
+    from foldcell.skills.perception.inspection.result import InspectionSettings
     from foldcell.skills.perception.settings import PerceptionSettings
-
-__all__ = [
-    "CameraConfig",
-    "CellSettings",
-    "ComputingConfig",
-    "GraspConfig",
-    "GripperConfig",
-    "InspectionConfig",
-    "MotionConfig",
-    "NetworkConfig",
-    "OptimiserConfig",
-    "PerceptionConfig",
-    "PressingConfig",
-    "RecorderConfig",
-    "RecoveryConfig",
-    "RosConfig",
-    "TableConfig",
-    "default_settings_path",
-    "load_settings",
-    "overlaid",
-]
 
 
 def _number(low: float, high: float, unit: str, about: str) -> Any:
@@ -318,7 +297,7 @@ class InspectionConfig(_Group):
 
     def settings(self, perception: PerceptionConfig) -> InspectionSettings:
         """The skill's settings."""
-        from foldcell.skills.perception.inspection.inspect import InspectionSettings
+        from foldcell.skills.perception.inspection.result import InspectionSettings
 
         values = self.model_dump(include={"iou", "drift", "extra_height", "deviation"})
         return InspectionSettings(

@@ -7,8 +7,6 @@ from typing import Any
 
 from foldcell.cell.config.cell_settings import CellSettings
 
-__all__ = ["changed_settings", "differing"]
-
 
 def changed_settings(settings: CellSettings, shipped: CellSettings) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the keys whose values differ, as nested mappings: with the values of `settings`, and with the shipped

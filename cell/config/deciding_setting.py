@@ -13,8 +13,6 @@ import numpy as np
 from foldcell.cell.config.cell_settings import CellSettings
 from foldcell.robots.errors import Failure, FailureKind
 
-__all__ = ["LIMITS", "Limit", "deciding_setting", "grasping_hint", "overriding_file", "setting_in_words"]
-
 
 @dataclass(frozen=True)
 class Limit:

@@ -26,20 +26,6 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 
 from foldcell.robots.errors import ConfigurationError
 
-__all__ = [
-    "Document",
-    "Key",
-    "did_you_mean",
-    "dotted",
-    "merge",
-    "parse_yaml",
-    "read_text",
-    "read_yaml",
-    "rule_broken",
-    "shown",
-    "validated",
-]
-
 M = TypeVar("M", bound=BaseModel)
 Key = tuple[str | int, ...]
 

@@ -14,18 +14,6 @@ from foldcell.robots.errors import Failure, FailureKind
 from foldcell.robots.ports import Array, JointSetpoint, JointState, Ports
 from foldcell.skills.vocabulary import Outcome
 
-__all__ = [
-    "FROZEN_S",
-    "ExecutionLimits",
-    "FrozenStateWatch",
-    "come_to_rest",
-    "followed",
-    "fresh_state",
-    "hold",
-    "start_mismatch",
-    "stopped",
-]
-
 SETTLED = 0.01
 """Arms whose joints are all nearer than this to the goal have arrived [rad]."""
 SETTLE_S = 1.0

@@ -10,8 +10,6 @@ import numpy as np
 
 from foldcell.robots.ports import Array, JointState, Side
 
-__all__ = ["HandRecord"]
-
 LONGEST = 12000
 """Largest number of recorded readings; older ones are dropped."""
 

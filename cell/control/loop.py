@@ -31,8 +31,6 @@ from foldcell.robots.errors import FailureKind
 from foldcell.robots.ports import Array, JointState, Ports
 from foldcell.skills.vocabulary import Outcome
 
-__all__ = ["ControlLoop"]
-
 V = TypeVar("V")
 
 

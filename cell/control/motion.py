@@ -15,8 +15,6 @@ from foldcell.robots.errors import Failure
 from foldcell.robots.ports import Array, JointState
 from foldcell.skills.vocabulary import Outcome
 
-__all__ = ["Feedback", "Motion", "Order", "SetPoint", "Tick", "Watch"]
-
 V = TypeVar("V")
 
 

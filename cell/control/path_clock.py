@@ -14,8 +14,6 @@ from foldcell.robots.model import JointLimits
 from foldcell.robots.ports import ArmTrajectory, Array
 from foldcell.skills.motion.timing.timing import STOP_TIME, ClockWarp, warp_clock
 
-__all__ = ["PathClock", "PathControl"]
-
 BEHIND_S, AHEAD_S = 0.2, 1.0
 """Arms that get no set-points come to rest on this part of the path, before and after the last set-point [s]. They
 go on until the command timeout, and then brake."""

@@ -15,8 +15,6 @@ from foldcell.cell.states.transition_table import Event
 from foldcell.robots.errors import Failure
 from foldcell.robots.ports import Array, Clock, JointState
 
-__all__ = ["Interruptions"]
-
 
 class Interruptions:
     """Tracks whether a motion runs, is being brought to rest, or rests.

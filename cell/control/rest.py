@@ -11,8 +11,6 @@ from foldcell.cell.control.ticks import TICK_S
 from foldcell.robots.errors import Failure, FailureKind
 from foldcell.robots.ports import Array, JointState, Ports
 
-__all__ = ["REST_S", "await_rest", "stand_by"]
-
 STILL_S = 0.25
 """The arms rest if they have moved less than STILL_RAD for this time [s]. It is longer than the command timeout,
 so that the arms hold by themselves when it ends."""

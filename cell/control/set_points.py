@@ -10,8 +10,6 @@ import numpy as np
 from foldcell.cell.control.ticks import TICK_S
 from foldcell.robots.ports import Array
 
-__all__ = ["LastCommand", "PathRecord", "blend"]
-
 FADE_S = 0.25
 """Duration of the blend from the last set-point to the next motion [s]."""
 NEAR = float(np.deg2rad(1.5))

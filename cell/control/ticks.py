@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from foldcell.robots.ports import Ports
 
-__all__ = ["LOST_S", "TICK_S", "Ticks"]
-
 TICK_S = 0.01
 STALL_S = 0.05
 """If a tick is later than this, the arms have come to rest, so the motion accelerates from rest [s]."""

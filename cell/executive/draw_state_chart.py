@@ -15,8 +15,6 @@ from transitions.extensions import GraphMachine
 from foldcell.cell.states.transition_table import TERMINAL, TRANSITIONS, Event, State
 from foldcell.robots.errors import ConfigurationError
 
-__all__ = ["draw_chart"]
-
 ON_FAILURE = {
     State.RECOVERING: ("#2f6fd0", "#eaf1fb"),
     State.LAYING_BACK: ("#7d3c98", "#f4ecf7"),

@@ -16,8 +16,6 @@ from foldcell.cell.states.observers import Step
 from foldcell.cell.states.transition_table import TERMINAL, TRANSITIONS, Effect, Event, Row, State
 from foldcell.robots.errors import InternalError
 
-__all__ = ["Executive", "complete_table"]
-
 _ENDING = frozenset({State.GIVING_UP, State.MAKING_SAFE})
 
 

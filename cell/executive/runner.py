@@ -21,8 +21,6 @@ from foldcell.cell.states.run_context import Result, RunContext, RunEnd
 from foldcell.cell.states.transition_table import TERMINAL, Effect, Event, State
 from foldcell.robots.errors import CellError, DriverError, Failure, FailureKind, InternalError, StorageError
 
-__all__ = ["EffectFunction", "Runner"]
-
 EffectFunction = Callable[[Workcell, RunContext], Result]
 
 _QUIET = frozenset({Effect.NOTHING, Effect.WAIT, Effect.CHOOSE_RECOVERY, Effect.NEXT_STEP})

@@ -37,9 +37,6 @@ from foldcell.skills.motion.validation.collision import (
 from foldcell.skills.trajectory.trajectory_library import Library
 from foldcell.skills.vocabulary import FoldStep, GraspTrajectory
 
-__all__ = ["assemble", "execution_limits"]
-
-
 SLACK = 0.002
 """Amount by which the collision margins during execution are smaller than those in planning [m]. It allows for
 small deviations of the arms from the plan."""

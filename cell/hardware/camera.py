@@ -14,8 +14,6 @@ from foldcell.robots.ports import Intrinsics
 from foldcell.robots.registry import find_robot
 from foldcell.skills.vocabulary import CameraCalibration, Table, frozen
 
-__all__ = ["camera_calibration", "camera_mount", "nominal_calibration"]
-
 
 def camera_mount(settings: CellSettings) -> CameraMount:
     """Return the camera's mount and lens as the settings state them, else as the robot's camera is drawn."""

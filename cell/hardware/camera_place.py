@@ -24,11 +24,6 @@ from foldcell.skills.perception.segmentation.obstruction import obstructed
 from foldcell.skills.perception.settings import VIEW_PIXEL
 from foldcell.skills.vocabulary import CameraCalibration, Failure, Table, frozen
 
-__all__ = [
-    "AREA_X", "AREA_Y", "LEAST_SEEN", "LEAST_VIEW_MARGIN", "area_seen", "expected_picture", "hidden_by_robot",
-    "place_in_words", "place_that_fits",
-]  # fmt: skip
-
 AREA_X, AREA_Y = (float(PLACES_X[0]), float(PLACES_X[-1])), (-float(PLACES_Y[-1]), float(PLACES_Y[-1]))
 """Area in which garments lie, in the table frame [m]."""
 LEAST_SEEN = 0.8

@@ -31,8 +31,6 @@ from foldcell.robots.robot import Robot
 from foldcell.skills.motion.validation.collision import CollisionChecker
 from foldcell.skills.vocabulary import Table, frozen
 
-__all__ = ["Finding", "cell_findings", "refuse_unfit_cell", "robot_findings", "work_area_seen"]
-
 LEAST_REACHED = 0.9
 """Share of the places where garments lie. Each arm has to reach at least this share."""
 LEAST_COVERED = 0.4

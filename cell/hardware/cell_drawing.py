@@ -21,8 +21,6 @@ from foldcell.skills.fold_plan.folding import silhouette
 from foldcell.skills.fold_plan.plan import plan_folds
 from foldcell.skills.garments.garment import Garment
 
-__all__ = ["draw_cell"]
-
 SCALE = 420.0
 """Pixels per metre."""
 PAD, HEAD = 40, 96

@@ -21,15 +21,6 @@ from foldcell.robots.registry import find_robot
 from foldcell.robots.robot import Robot
 from foldcell.robots.ros.driver import RosDriver
 
-__all__ = [
-    "OpenCell",
-    "PersonAt",
-    "check_cell",
-    "opened_cell",
-    "simulation_settings",
-    "stop_circuit",
-]
-
 PersonAt = Callable[[Stop], Attendant]
 """Makes the attendant of a real cell. The attendant stops waiting for a person when the stop is triggered."""
 

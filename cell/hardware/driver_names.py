@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["DRIVERS", "is_simulated"]
-
 DRIVERS = {
     "sim": "the simulated cell, as fast as possible and reproducible by seed",
     "emulator": "the simulated cell behind ROS, with the real robot's driver, in real time",

@@ -15,8 +15,6 @@ from foldcell.skills.perception.perceive import perceive
 from foldcell.skills.perception.rectification.table_view import TableView
 from foldcell.skills.vocabulary import CameraCalibration
 
-__all__ = ["own_picture_refused"]
-
 TABLE, CLOTH = (170, 170, 170), (60, 90, 150)
 """Colours of the drawing."""
 NOISE = 2.0

@@ -30,11 +30,6 @@ from foldcell.skills.perception.rectification.table_view import TableView
 from foldcell.skills.perception.settings import VIEW_BORDER
 from foldcell.skills.trajectory.search.optimise import plain_paths
 
-__all__ = [
-    "PlacedFold", "Pose", "fitting_pose", "fitting_poses", "placed_folds", "pose_that_folds", "refuse_too_large",
-    "refuse_unfit_folds", "write_own_garment",
-]  # fmt: skip
-
 Pose = tuple[float, float, float]
 """x, y [m] and angle [rad] of a garment in the table frame."""
 

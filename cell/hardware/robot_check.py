@@ -17,8 +17,6 @@ from foldcell.skills.motion.kinematics import ik
 from foldcell.skills.motion.validation.collision import CollisionChecker
 from foldcell.skills.vocabulary import Table, tool_rotation
 
-__all__ = ["moved_shapes", "reached_places", "view_margins"]
-
 PLACES_X, PLACES_Y = np.arange(0.35, 0.86, 0.10), np.arange(0.05, 0.36, 0.10)
 """Places where garments lie: distance from the base, and to the arm's own side, in the table frame [m]."""
 HAND_HEIGHT = 0.01

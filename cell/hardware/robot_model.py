@@ -12,8 +12,6 @@ from foldcell.robots.ports import Side
 from foldcell.robots.registry import find_robot
 from foldcell.skills.vocabulary import frozen
 
-__all__ = ["load_robot"]
-
 
 def load_robot(settings: CellSettings) -> RobotModel:
     """Return the robot's model; the same settings give the same object.

@@ -24,12 +24,10 @@ from foldcell.skills.fold_plan.ideal_heights import IdealFoldHeights
 from foldcell.skills.garments.garment import Garment
 from foldcell.skills.grasping.settings import GraspSettings
 from foldcell.skills.motion.validation.collision import CollisionChecker
-from foldcell.skills.perception.inspection.inspect import InspectionSettings
+from foldcell.skills.perception.inspection.result import InspectionSettings
 from foldcell.skills.perception.settings import PerceptionSettings
 from foldcell.skills.trajectory.trajectory_library import Library
 from foldcell.skills.vocabulary import CameraCalibration, FoldStep, GraspTrajectory, Table
-
-__all__ = ["Workcell"]
 
 T = TypeVar("T")
 

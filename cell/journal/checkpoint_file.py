@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = ["CHECKPOINT", "CONTEXT", "has_checkpoint"]
-
 CHECKPOINT, CONTEXT = "checkpoint", "context"
 """Names of the checkpoint's folder in a run's folder, and of the file with the context in that folder."""
 

@@ -16,8 +16,6 @@ from foldcell.cell.support.files.whole_file import write_whole
 from foldcell.robots.errors import StorageError
 from foldcell.robots.ports import CameraFrame, Intrinsics, frozen
 
-__all__ = ["FRAMES", "FrameStore"]
-
 FRAMES = "frames"
 """Name of the frame store's folder in a run's folder."""
 

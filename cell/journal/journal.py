@@ -26,8 +26,6 @@ from foldcell.cell.support.json_values import to_json
 from foldcell.cell.support.process.lock import OwnerLock, is_held
 from foldcell.robots.errors import CellError, ConfigurationError, InternalError, StorageError
 
-__all__ = ["NOT_BEGUN", "Entry", "Intent", "Journal", "JournalRun", "RunJournal", "performed", "to_json"]
-
 SCHEMA_VERSION = 1
 PAYLOAD_SCHEMA = 1
 APPLICATION_ID = 0x466F4C64  # "FoLd": marks the file as a journal of foldcell

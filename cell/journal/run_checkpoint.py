@@ -30,8 +30,6 @@ from foldcell.cell.support.files.whole_file import write_whole
 from foldcell.robots.errors import ConfigurationError, InternalError, StorageError
 from foldcell.robots.ports import CameraFrame, frozen
 
-__all__ = ["read_checkpoint", "write_checkpoint"]
-
 SCHEMA = 4
 LARGE = 2**16
 """Arrays of at least this size [bytes] get separate files, because most of them do not change between effects."""

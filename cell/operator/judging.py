@@ -13,8 +13,6 @@ from foldcell.cell.operator.progress.lines import say
 from foldcell.cell.operator.terminal.keys import TypedLines
 from foldcell.cell.record.judgement import Judgement, judgement_of
 
-__all__ = ["ask_judgement"]
-
 ASKED = "y if the garment is folded well, or n and why (n a sleeve lies open)"
 UNSEEN = "u if nobody can tell any more: the run is then performed again"
 POLL_S = 0.1

@@ -23,8 +23,6 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from foldcell.robots.errors import StorageError
 
-__all__ = ["content_policy", "open_listener", "origins", "served"]
-
 HOSTS = ["127.0.0.1", "localhost"]
 START_S = 10.0
 HEADERS = {

@@ -18,8 +18,6 @@ from foldcell.skills.scoring.verdict import Score, ScoreLimits
 from foldcell.skills.trajectory.search.acceptance import judge_prediction
 from foldcell.skills.vocabulary import FoldLine, FoldStep
 
-__all__ = ["Reason", "claim_limits", "judge_edges", "judge_fold", "judge_hands"]
-
 MENDED_BY_TENSION = 0.060
 """Releasing the cloth elsewhere can correct a key point that is at most this far from its place [m]."""
 

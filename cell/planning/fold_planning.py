@@ -24,18 +24,6 @@ from foldcell.skills.trajectory.search.problem import Predictor
 from foldcell.skills.trajectory.trajectory_library import Library, lookup, trajectory_from
 from foldcell.skills.vocabulary import FoldStep, GraspId, GraspTrajectory, Outcome, ToolPath
 
-__all__ = [
-    "motion_rng",
-    "plan_arms",
-    "predict_motion",
-    "reach_height",
-    "search_rng",
-    "search_trajectory",
-    "simulated_paths",
-    "stored_trajectory",
-    "tool_speed",
-]
-
 PREDICTED_FRAMES = 6
 """Number of shapes of a prediction that the pages show in a row. `recorder.key_frames` in cell.yaml is the number
 of pictures by the camera."""

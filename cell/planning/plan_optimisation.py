@@ -17,8 +17,6 @@ from foldcell.skills.trajectory.arcs.paths import lifted, tool_paths
 from foldcell.skills.trajectory.search.optimise import METHODS, ClothPredictor
 from foldcell.skills.vocabulary import FoldStep, GraspId, GraspTrajectory, Outcome, ToolPath
 
-__all__ = ["StepOptimisation", "check_step", "optimise_plan"]
-
 Progress = Callable[[FoldStep, int, int, float], None]
 """Called after each simulation with: the fold, number of simulations done, budget, smallest dissimilarity D so far
 [m]."""

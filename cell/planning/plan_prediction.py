@@ -41,8 +41,6 @@ from foldcell.skills.trajectory.search.problem import Candidate
 from foldcell.skills.trajectory.trajectory_library import Library
 from foldcell.skills.vocabulary import FoldStep, GarmentState, GraspId, GraspTrajectory, PredictedShape, ToolPath
 
-__all__ = ["PlanPrediction", "PredictedFold", "predict_plan"]
-
 Progress = Callable[[int, int, str], None]
 """Called before and within each fold with: number done, their total, and what is computed."""
 

@@ -26,8 +26,6 @@ from foldcell.skills.trajectory.search.problem import Predictor
 from foldcell.skills.trajectory.trajectory_library import Library, LibraryEntry, trajectory_from
 from foldcell.skills.vocabulary import Array, Failure, FoldStep
 
-__all__ = ["BuildProgress", "BuiltStep", "build_library"]
-
 NOTHING = Library()
 
 

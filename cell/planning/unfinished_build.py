@@ -14,8 +14,6 @@ from foldcell.skills.garments.garment import Garment
 from foldcell.skills.trajectory.arcs.paths import LIFT_HEIGHT
 from foldcell.skills.trajectory.trajectory_library import Library, LibraryEntry, from_json, to_json
 
-__all__ = ["UnfinishedBuild"]
-
 
 class UnfinishedBuild:
     """The entries built so far for some garments. The file may also hold entries of builds for other garments;

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["Judgement", "judgement_of"]
-
 ANSWERS = {"y": True, "yes": True, "n": False, "no": False, "u": None}
 
 

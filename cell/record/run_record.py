@@ -26,29 +26,6 @@ from foldcell.robots.errors import FailureKind, StorageError
 from foldcell.skills.perception.inspection.claim import Claim
 from foldcell.skills.scoring.verdict import Figure, Score
 
-__all__ = [
-    "EXIT_CODES",
-    "NOTHING_LOST",
-    "RECORD",
-    "Ending",
-    "FailureRecord",
-    "FoldRecord",
-    "GraspRecord",
-    "IdealRecord",
-    "Recognised",
-    "RecordingLosses",
-    "Refusal",
-    "RunEvent",
-    "RunRecord",
-    "RunResult",
-    "ScoreRecord",
-    "ending_of",
-    "known",
-    "read_record",
-    "record_of",
-    "write_record",
-]
-
 RECORD = "result.json"
 """Name of the record's file in the folder of a run."""
 RunResult = Literal["folded", "not_folded", "fault"]

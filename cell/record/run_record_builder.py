@@ -31,8 +31,6 @@ from foldcell.cell.states.transition_table import Effect, Event, State
 from foldcell.robots.ports import Side
 from foldcell.skills.scoring.verdict import Score
 
-__all__ = ["RunRecordBuilder"]
-
 RESULTS: Mapping[State, RunResult] = {
     State.FOLDED: "folded",
     State.NOT_FOLDED: "not_folded",

@@ -14,31 +14,6 @@ from foldcell.cell.states.recovery_table import Adjustment, Laying
 from foldcell.cell.states.transition_table import Event, State
 from foldcell.skills.perception.inspection.claim import Claim
 
-__all__ = [
-    "COMMANDS",
-    "FIGURES",
-    "FIGURE_NOTES",
-    "UNKNOWN",
-    "capital",
-    "claim_in_words",
-    "difference",
-    "figure",
-    "figure_name",
-    "garment_name",
-    "interval",
-    "laying_in_words",
-    "length",
-    "lost_in_words",
-    "missed_in_words",
-    "percent",
-    "plain",
-    "recovery_in_words",
-    "seconds",
-    "sentences",
-    "value_in_words",
-    "verdict",
-]
-
 UNKNOWN = "–"
 """Text of a figure that was not measured."""
 

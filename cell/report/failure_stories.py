@@ -21,8 +21,6 @@ from foldcell.robots.ports import Array, CameraFrame
 from foldcell.skills.fold_figures.drawn_mesh import outline
 from foldcell.skills.vocabulary import CameraCalibration
 
-__all__ = ["FailureStories", "FailureStory", "Scene"]
-
 SEEING = frozenset({Effect.PHOTOGRAPH_TABLE, Effect.LOOK, Effect.RECOGNISE, Effect.INSPECT, Effect.CHECK_PLACE})
 """Effects whose failure says what the picture shows."""
 WIDTH = 640

@@ -30,8 +30,6 @@ from foldcell.cell.support.files.html_page import page_template
 from foldcell.cell.support.json_values import flattened
 from foldcell.robots.ports import Array
 
-__all__ = ["FILM", "FoldPictures", "ReportPictures", "render"]
-
 FILM = "film.webp"
 """Name of the film's file, in the folder of the run."""
 PICTURE_WIDTH = 640

@@ -35,8 +35,6 @@ from foldcell.cell.support.files.whole_file import write_whole
 from foldcell.skills.fold_figures.drawn_mesh import outline
 from foldcell.skills.vocabulary import CameraCalibration
 
-__all__ = ["TrueFrame", "report"]
-
 STRIP_WIDTH = 300
 """Width of a picture in `fold.png` [px]."""
 

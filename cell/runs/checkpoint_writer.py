@@ -28,8 +28,6 @@ from foldcell.cell.states.transition_table import State
 from foldcell.cell.support.files.whole_file import write_whole
 from foldcell.robots.errors import ConfigurationError, StorageError
 
-__all__ = ["CheckpointWriter", "Interrupted", "interrupted_run"]
-
 WORLD = "world.npz"
 
 

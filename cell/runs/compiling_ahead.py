@@ -10,8 +10,6 @@ from contextlib import contextmanager
 from foldcell.cell.simulation.server_process import program_environment
 from foldcell.skills.cloth.compile_loop import is_compiled
 
-__all__ = ["compiling_ahead"]
-
 
 @contextmanager
 def compiling_ahead() -> Iterator[None]:

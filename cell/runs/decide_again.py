@@ -40,8 +40,6 @@ from foldcell.cell.transcript.transcript import TRANSCRIPT, Transcript
 from foldcell.cell.view.recorder import Recorder
 from foldcell.robots.errors import ConfigurationError, FailureKind, StorageError
 
-__all__ = ["Deviation", "Verdict", "changed_versions", "decide_again", "first_difference"]
-
 UNREPEATED = frozenset({"wall", "traceback", "not_kept"})
 """Payload keys of the journal that are not compared, because they depend on the wall clock, the source lines or
 the disk."""

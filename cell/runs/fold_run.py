@@ -44,8 +44,6 @@ from foldcell.robots.errors import FailureKind, StorageError
 from foldcell.robots.ports import Attendant, Ports, Stop
 from foldcell.skills.scoring.verdict import Score
 
-__all__ = ["Attendance", "FoldRequest", "fold_once"]
-
 OnOpen = Callable[[OpenCell, CommandQueue], Ports | None]
 """Called with the cell and the command queue before the first effect. May return other ports, which the executive
 then uses."""

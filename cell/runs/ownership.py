@@ -14,8 +14,6 @@ from foldcell.cell.support.process.lock import OwnerLock
 from foldcell.cell.support.process.signals import Interrupts, taking_signals
 from foldcell.robots.errors import CellError
 
-__all__ = ["VERSIONED", "begun_run", "owned_cell"]
-
 VERSIONED = (
     "foldcell", "pin", "coal", "ruckig", "toppra", "numpy", "scipy", "numba", "opencv-python-headless", "pybullet",
     "transitions", "rerun-sdk",

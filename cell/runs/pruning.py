@@ -16,8 +16,6 @@ from foldcell.cell.runs.resumable import resumable
 from foldcell.cell.support.files.paths import JOURNAL_FILE
 from foldcell.robots.errors import StorageError
 
-__all__ = ["RECORDINGS", "PrunableRun", "prunable_runs", "prune"]
-
 RECORDINGS = ("run.rrd", "run.transcript", FRAMES, CHECKPOINT, BEGAN_WITH, WORLD)
 """Files and folders of a run that may be removed: recording, transcript, pictures, checkpoint, saved world, and
 initial checkpoint (which only the transcript needs). Report, result, settings and the journal stay."""

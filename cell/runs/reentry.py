@@ -8,8 +8,6 @@ from dataclasses import replace
 from foldcell.cell.states.run_context import RunContext
 from foldcell.cell.states.transition_table import HANDS_CARRY_CLOTH, REENTRIES, Event, State
 
-__all__ = ["reentered", "reentry_event"]
-
 
 def reentry_event(states: Sequence[State], context: RunContext) -> Event:
     """Return the event with which a run is resumed. states: the states through which the run passed; context: its

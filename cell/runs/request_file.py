@@ -31,17 +31,6 @@ from foldcell.cell.support.files.whole_file import write_whole
 from foldcell.cell.support.json_values import write_json
 from foldcell.robots.errors import ConfigurationError, StorageError
 
-__all__ = [
-    "BEGAN_WITH",
-    "CALIBRATIONS",
-    "SETTINGS",
-    "initial_checkpoint",
-    "keep_request",
-    "keep_run_inputs",
-    "load_request",
-    "restored_request",
-]
-
 SETTINGS, REQUEST, GARMENT = "cell.yaml", "request.json", "garment"
 SCHEMA = 1
 KEPT: dict[str, type] = {

@@ -7,8 +7,6 @@ from foldcell.cell.journal.checkpoint_file import has_checkpoint
 from foldcell.cell.journal.journal import Journal
 from foldcell.robots.errors import ConfigurationError
 
-__all__ = ["RESUMED_FROM", "check_resumable", "last_begun", "resumable"]
-
 RESUMED_FROM = "resumed_from"
 """Name of the journal event that marks a run as the continuation of another run."""
 CALIBRATION = "calibrate-"

@@ -10,8 +10,6 @@ from foldcell.cell.journal.journal import Entry, JournalRun, performed
 from foldcell.cell.runs.request_file import SETTINGS
 from foldcell.cell.support.json_values import flattened
 
-__all__ = ["Decision", "Difference", "RunDifference", "run_difference"]
-
 NOT_COMPARED = ("wall_time_s", "run_dir", "stage_times_s", "events")
 """Figures that are not compared, because they differ between any two runs or are contained in other figures."""
 

@@ -42,8 +42,6 @@ if TYPE_CHECKING:
     from foldcell.cell.operator.console.live_view import LiveView
     from foldcell.cell.simulation.scoring.ground_truth_recorder import GroundTruthRecorder
 
-__all__ = ["RunObservers", "page_listener"]
-
 RECORDING = "run.rrd"
 JUDGED = (State.FOLDED, State.NOT_FOLDED)
 """Ends of a run after which the scorer waits for the ideal fold, if all folds were made."""

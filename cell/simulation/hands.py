@@ -20,8 +20,6 @@ from foldcell.robots.ports import Array, Side
 from foldcell.robots.robot import SimulatedBody
 from foldcell.skills.vocabulary import Table
 
-__all__ = ["Hand", "Hands"]
-
 RAISED = 0.040
 """While a hand holds cloth, this length of each finger, from the tip upwards, does not push cloth [m]. The held
 cloth is in this part. The same applies after a release, until the fingers are clear of the cloth."""

@@ -12,20 +12,6 @@ import numpy as np
 
 from foldcell.cell.config.yaml_file import read_yaml
 
-__all__ = [
-    "AttendantNoise",
-    "BoardNoise",
-    "BuildNoise",
-    "CameraNoise",
-    "GarmentNoise",
-    "GripperNoise",
-    "NoiseTable",
-    "Range",
-    "RobotNoise",
-    "TactileNoise",
-    "load_noise",
-]
-
 PATH = Path(__file__).with_name("noise.yaml")
 
 T = TypeVar("T")

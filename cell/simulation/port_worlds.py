@@ -13,8 +13,6 @@ from weakref import WeakKeyDictionary
 
 from foldcell.robots.errors import DriverError, FailureKind
 
-__all__ = ["bind", "unbind", "world_behind"]
-
 _worlds: WeakKeyDictionary[object, Any] = WeakKeyDictionary()
 
 

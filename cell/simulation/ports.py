@@ -18,8 +18,6 @@ from foldcell.robots.ports import (
     TactileReading,
 )
 
-__all__ = ["ports_of"]
-
 
 class _Clock:
     def now(self) -> float:

@@ -11,8 +11,6 @@ from multiprocessing import Pipe
 from pathlib import Path
 from typing import Any
 
-__all__ = ["ServerProcess", "program_environment"]
-
 ROOT = Path(__file__).absolute().parents[3]
 """The folder that contains the package `foldcell`."""
 

@@ -10,8 +10,6 @@ from foldcell.robots.registry import DEFAULT
 from foldcell.skills.cloth.pinch import PadGeometry
 from foldcell.skills.vocabulary import Table
 
-__all__ = ["DEFAULT_TABLE", "WORLDS", "SimulationSettings"]
-
 DEFAULT_TABLE = Table(height=-0.10, x=(0.20, 1.10), y=(-0.75, 0.75))
 """The default table. Its top is 0.82 m above the floor, within the reach of both arms and the camera's view."""
 

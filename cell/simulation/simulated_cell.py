@@ -16,16 +16,6 @@ from foldcell.cell.simulation.settings import SimulationSettings
 from foldcell.cell.simulation.truth import Truth
 from foldcell.robots.ports import CameraFrame, Ports
 
-__all__ = [
-    "Checkpoint",
-    "Display",
-    "Faults",
-    "SimulatedCell",
-    "TruthSource",
-    "check_settings",
-    "open_simulated_cell",
-]
-
 
 class Faults(Protocol):
     def add(self, fault: Fault) -> None:

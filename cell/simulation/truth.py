@@ -17,8 +17,6 @@ if TYPE_CHECKING:  # the render process needs no solver, and importing it takes 
     from foldcell.cell.simulation.garment.cloth_body import BodyTraits
     from foldcell.skills.cloth.mesh import ClothMesh
 
-__all__ = ["GarmentTruth", "Truth"]
-
 
 @dataclass(frozen=True, eq=False)
 class GarmentTruth:

@@ -36,8 +36,6 @@ from foldcell.robots.registry import find_robot
 from foldcell.skills.garments.garment import Garment
 from foldcell.skills.vocabulary import Table
 
-__all__ = ["STEP_RATE", "World"]
-
 STEP_RATE = 240
 """Rate of the physics steps [Hz]."""
 STEPS_A_FRAME = STEP_RATE // FRAME_RATE

@@ -23,8 +23,6 @@ from foldcell.robots.errors import DriverError, FailureKind
 from foldcell.robots.ports import Array, CameraFrame, Side
 from foldcell.robots.robot import Robot, SimulatedBody
 
-__all__ = ["WorldCamera"]
-
 
 class WorldCamera:
     """The camera of one world. Without `settings.render` it raises DriverError instead of taking pictures.

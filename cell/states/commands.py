@@ -14,8 +14,6 @@ from foldcell.cell.states.plan_edit import PlanEdit
 from foldcell.cell.states.transition_table import Event
 from foldcell.robots.errors import Failure, FailureKind
 
-__all__ = ["ABORTED", "ANSWERS", "OPERATOR_EVENTS", "CommandQueue", "QueuedCommand"]
-
 ANSWERS = frozenset({Event.APPROVE, Event.RETRY, Event.SKIP, Event.EDIT})
 """Commands that answer a question. When the next question is asked, earlier answers are dropped."""
 OPERATOR_EVENTS = frozenset({Event.APPROVE, Event.RETRY, Event.SKIP, Event.PAUSE, Event.RESUME, Event.ABORT})

@@ -18,8 +18,6 @@ from foldcell.skills.motion.moves.fold import FoldMotion
 from foldcell.skills.state_estimate.estimate import StateEstimate
 from foldcell.skills.vocabulary import GraspTrajectory
 
-__all__ = ["FoldContext"]
-
 
 @dataclass(frozen=True, eq=False)
 class FoldContext:

@@ -7,8 +7,6 @@ from pathlib import Path
 
 from foldcell.cell.config.cell_settings import CellSettings
 
-__all__ = ["FoldRequest"]
-
 
 @dataclass(frozen=True)
 class FoldRequest:

@@ -8,8 +8,6 @@ from typing import Protocol
 from foldcell.cell.states.run_context import Result
 from foldcell.cell.states.transition_table import Effect, Event, State
 
-__all__ = ["FAILING", "Observer", "Step"]
-
 FAILING = frozenset({Event.FAILED, Event.CRASH, Event.STOP, Event.ABORT, Event.UNRECORDED})
 
 

@@ -9,8 +9,6 @@ from typing import Any, Self
 
 from foldcell.skills.vocabulary import GraspId
 
-__all__ = ["PlanEdit", "with_edit"]
-
 Point = tuple[float, float]
 
 

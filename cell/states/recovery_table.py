@@ -51,22 +51,6 @@ from foldcell.cell.states.transition_table import Event
 from foldcell.robots.errors import FailureKind
 from foldcell.robots.ports import Side
 
-__all__ = [
-    "LAYING",
-    "RECOVERIES",
-    "SUBSTITUTES",
-    "VERDICTS",
-    "WITHOUT_EDITS",
-    "Adjustment",
-    "Laying",
-    "LayingRule",
-    "Recovery",
-    "Substitute",
-    "choose_laying",
-    "choose_recovery",
-    "transient",
-]
-
 
 class Adjustment(StrEnum):
     """How the next attempt differs from the failed one."""

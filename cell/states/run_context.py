@@ -20,8 +20,6 @@ from foldcell.robots.ports import CameraFrame
 from foldcell.skills.perception.inspection.claim import Claim
 from foldcell.skills.vocabulary import CameraCalibration, FoldStep, Outcome
 
-__all__ = ["EffectFailed", "Result", "RunContext", "RunEnd", "Sight", "effect"]
-
 T = TypeVar("T")
 P = ParamSpec("P")
 

@@ -7,35 +7,6 @@ from dataclasses import dataclass
 
 from foldcell.robots.errors import FailureKind
 
-__all__ = [
-    "PLANNING_FAILURES",
-    "SEEING_FAILURES",
-    "Condition",
-    "Situation",
-    "another_variant",
-    "carried",
-    "cloth_taken",
-    "edits_impossible",
-    "fold_tries_used_up",
-    "good_enough",
-    "lies_as_before",
-    "near_enough",
-    "no_trajectory",
-    "not_failed_alike",
-    "not_planned",
-    "not_recognised",
-    "patient",
-    "repairable",
-    "repairing",
-    "run_tries_used_up",
-    "spreadable",
-    "stood_low",
-    "table_unseen",
-    "too_many_layers",
-    "unattended",
-    "wait_before_look",
-]
-
 GOOD_ENOUGH_M = 0.030
 """The next fold may be made if the outline deviates from the prediction by at most this, and if the cloth left
 behind is at most this long [m]. Later folds do not bring an edge back, so its error remains to the end. The score

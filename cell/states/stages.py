@@ -16,7 +16,7 @@ from foldcell.skills.garments.garment import Garment
 from foldcell.skills.motion.moves.fold import FoldMotion
 from foldcell.skills.perception.inspection.claim import Claim
 from foldcell.skills.perception.inspection.height_expectation import CameraBias
-from foldcell.skills.perception.inspection.inspect import Inspection
+from foldcell.skills.perception.inspection.result import Inspection
 from foldcell.skills.perception.perceive import Perception
 from foldcell.skills.state_estimate.comparison import Fit
 from foldcell.skills.vocabulary import (
@@ -28,19 +28,6 @@ from foldcell.skills.vocabulary import (
     PredictedShape,
     ToolPath,
 )
-
-__all__ = [
-    "Attempt",
-    "EstimateNote",
-    "FirstLook",
-    "FoldNote",
-    "Plan",
-    "PressPlan",
-    "Recognition",
-    "Repair",
-    "Spread",
-    "with_drift",
-]
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,6 @@ from pathlib import Path
 
 from foldcell.cell.states.transition_table import State
 
-__all__ = ["CHART", "marked_chart"]
-
 CHART = Path(__file__).with_name("state_chart.svg")
 
 

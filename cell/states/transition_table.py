@@ -17,17 +17,6 @@ from collections.abc import Mapping
 from enum import StrEnum
 from typing import NamedTuple
 
-__all__ = [
-    "HANDS_CARRY_CLOTH",
-    "REENTRIES",
-    "TERMINAL",
-    "TRANSITIONS",
-    "Effect",
-    "Event",
-    "Row",
-    "State",
-]
-
 
 class State(StrEnum):
     """The states of a run. The operator sees these names."""

@@ -14,8 +14,6 @@ from pydantic import BaseModel
 
 from foldcell.cell.support.files.whole_file import write_whole
 
-__all__ = ["flattened", "to_json", "write_json"]
-
 
 def to_json(value: Any) -> Any:
     """Convert `value` to plain JSON values: dataclasses and pydantic's models to mappings, arrays to lists, enums

@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from xml.etree import ElementTree
 
-__all__ = ["JUnitCase", "junit_text"]
-
 NONCHARACTERS = "\ufffe\uffff"
 
 

@@ -12,8 +12,6 @@ import numpy as np
 
 from foldcell.robots.ports import Ports, Side, Stop
 
-__all__ = ["CellConstants", "Channel", "build_ports"]
-
 
 class Channel(Enum):
     """The kinds of question: port and method (robots/ports.py, `CommandQueue`), and the question in words."""

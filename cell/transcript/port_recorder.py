@@ -23,8 +23,6 @@ from foldcell.cell.transcript.transcript import TranscriptWriter
 from foldcell.cell.transcript.transcript_codec import pack
 from foldcell.robots.ports import CameraFrame, Ports, Side
 
-__all__ = ["PortRecorder"]
-
 
 class PortRecorder:
     """Writes a run's transcript. Create it on the thread of the executive."""

@@ -22,8 +22,6 @@ from foldcell.cell.transcript.transcript_codec import Exchange, Picture, pack, u
 from foldcell.robots.errors import CellError, StorageError
 from foldcell.robots.ports import Ports, Side, Stop, StopState
 
-__all__ = ["NoRecordedAnswer", "RecordedAnswers"]
-
 
 class NoRecordedAnswer(BaseException):
     """The transcript has no answer. This is a BaseException, so that no handler of the run catches it."""

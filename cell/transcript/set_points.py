@@ -13,8 +13,6 @@ from foldcell.cell.transcript.transcript import Transcript
 from foldcell.cell.transcript.transcript_codec import unpack
 from foldcell.robots.ports import Array, JointSetpoint, TactileReading, frozen
 
-__all__ = ["SetPoints", "read_grips", "read_set_points"]
-
 
 @dataclass(frozen=True, eq=False)
 class SetPoints:

@@ -28,8 +28,6 @@ from foldcell.cell.transcript.transcript_codec import RECORDS, Exchange, Picture
 from foldcell.robots.errors import StorageError
 from foldcell.robots.ports import CameraFrame, Side
 
-__all__ = ["LAYOUT", "TRANSCRIPT", "Transcript", "TranscriptWriter"]
-
 TRANSCRIPT = "run.transcript"
 LAYOUT: dict[str, Any] = {
     "schema": "foldcell transcript 2",

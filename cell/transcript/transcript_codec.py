@@ -26,8 +26,6 @@ from foldcell.cell.transcript.channels import Channel
 from foldcell.robots.errors import DriverError, FailureKind
 from foldcell.robots.ports import GripperState, JointSetpoint, JointState, Side, StopState, TactileReading, frozen
 
-__all__ = ["RECORDS", "Exchange", "Picture", "pack", "unpack"]
-
 
 @dataclass(frozen=True)
 class Picture:

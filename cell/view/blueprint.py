@@ -8,8 +8,6 @@ import rerun.blueprint as rrb
 from foldcell.cell.view.entries.entry import TIMELINE
 from foldcell.cell.view.entries.scene import CAMERA, EYE, LOOK_AT, TABLE
 
-__all__ = ["layout"]
-
 
 def layout(floor: float = 0.0) -> rrb.Blueprint:
     """Return the blueprint that is stored in each recording. floor: height of the floor in the base frame [m]."""

@@ -8,8 +8,6 @@ from collections import deque
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
-__all__ = ["BoundedWorker"]
-
 T = TypeVar("T")
 
 EVERY_S = 0.05

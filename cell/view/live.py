@@ -19,8 +19,6 @@ from foldcell.cell.view.entries.entry import Entry
 from foldcell.cell.view.streams import begin_stream
 from foldcell.cell.view.viewer import HOST, free_port
 
-__all__ = ["LiveStream"]
-
 OnError = Callable[[BaseException], None]
 
 QUEUE = 400

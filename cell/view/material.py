@@ -24,8 +24,6 @@ from foldcell.cell.view.streams import begin_stream
 from foldcell.robots.errors import StorageError
 from foldcell.skills.vocabulary import Array
 
-__all__ = ["record_bending", "record_crease", "record_free_fold", "record_friction", "record_shear"]
-
 HALF_TABLE = 0.75
 
 

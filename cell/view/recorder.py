@@ -36,8 +36,6 @@ from foldcell.robots.ports import Array, CameraFrame, GripperState, JointState, 
 from foldcell.robots.robot import RobotVisual
 from foldcell.skills.vocabulary import CameraCalibration, FoldStep, GarmentState, GraspId, PredictedShape, Table
 
-__all__ = ["APPLICATION", "Recorder"]
-
 K = TypeVar("K")
 
 APPLICATION = "foldcell"

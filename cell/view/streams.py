@@ -15,8 +15,6 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun import bindings  # type: ignore[attr-defined]
 
-__all__ = ["begin_stream", "drop_ended_streams"]
-
 
 def begin_stream(
     application: str, sink: Any, layout: rrb.Blueprint, identity: str | None = None

@@ -21,8 +21,6 @@ from foldcell.cell.support.files.paths import user_cache
 from foldcell.cell.support.files.whole_file import write_whole
 from foldcell.robots.errors import StorageError
 
-__all__ = ["FILES", "HOST", "find_viewer", "free_port", "silent_environment", "web_viewer_files"]
-
 HOST, PORT = "127.0.0.1", 9876
 FILES = ("re_viewer.js", "re_viewer_bg.wasm")
 WAIT_S = 20.0

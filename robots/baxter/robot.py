@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from foldcell.robots.baxter.emulator.emulator import Emulator
     from foldcell.robots.model import JointLimits
 
-__all__ = ["DESCRIPTION", "EYE", "FLOOR", "GRIPPER", "MOUNT", "ROBOT", "TARGET", "load_model"]
-
 FOLDER = "example-robot-data/robots/baxter_description"
 FLOOR = -0.924
 """Height of the floor in the base frame [m]."""

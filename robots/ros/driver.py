@@ -14,8 +14,6 @@ from foldcell.robots.ports import Attendant, Ports, Stop
 if TYPE_CHECKING:
     from foldcell.robots.model import JointLimits
 
-__all__ = ["CameraTopics", "Emulate", "EmulatedRobot", "Network", "RosDriver", "RosSettings"]
-
 
 @dataclass(frozen=True)
 class CameraTopics:

@@ -10,8 +10,6 @@ from types import ModuleType
 
 from foldcell.robots.errors import ConfigurationError
 
-__all__ = ["PACKAGES", "find_ros", "import_ros"]
-
 FOLDERS = (Path("/opt/ros/noetic/lib/python3/dist-packages"), Path("/usr/lib/python3/dist-packages"))
 """Possible folders of the installation: ROS's own distribution, then the packages of Debian and Ubuntu."""
 

@@ -17,8 +17,6 @@ from urllib.parse import urlparse
 from foldcell.robots.errors import ConfigurationError
 from foldcell.robots.ros.installation import import_ros
 
-__all__ = ["Node", "master_address", "open_node"]
-
 MASTER = "http://localhost:11311"
 """Address of the ROS master if ROS_MASTER_URI is not set."""
 ANSWER_S = 3.0

@@ -26,8 +26,6 @@ from foldcell.robots.urdf.elements import (
     srdf_disabled_pairs,
 )
 
-__all__ = ["DESCRIPTION", "ROBOT"]
-
 JOINTS = tuple(
     f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 )

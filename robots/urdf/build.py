@@ -12,8 +12,6 @@ from foldcell.robots.urdf.description import RobotDescription
 if TYPE_CHECKING:
     from foldcell.robots.model import RobotModel
 
-__all__ = ["robot_of"]
-
 
 def robot_of(description: RobotDescription) -> Robot:
     """Return the robot that a description describes. Nothing is read before it is used."""

@@ -17,8 +17,6 @@ from foldcell.robots.ports import Array, Side
 from foldcell.robots.urdf.description import RobotDescription
 from foldcell.robots.urdf.elements import neighbours
 
-__all__ = ["BulletBody"]
-
 HEAD_EFFORT, FINGER_EFFORT = 50.0, 20.0
 """Motor torque of the head [Nm], and force of each finger joint [N] or torque [Nm]."""
 POSITION_GAIN, VELOCITY_GAIN = 0.2, 1.0

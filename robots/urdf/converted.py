@@ -27,8 +27,6 @@ from foldcell.robots.ports import Array
 from foldcell.robots.urdf.description import RGB, RobotDescription
 from foldcell.robots.urdf.elements import mesh_path, stripped
 
-__all__ = ["moving_urdf", "seen_urdf", "viewer_urdf"]
-
 FORMAT = 2
 """Version of the output. Increase it when the output changes, so that old caches are not used."""
 URDF = "robot.urdf"

@@ -11,8 +11,6 @@ from foldcell.robots.gripper_geometry import GripperGeometry
 from foldcell.robots.ports import Side
 from foldcell.robots.ros.driver import RosDriver
 
-__all__ = ["RGB", "Dynamics", "RobotDescription"]
-
 RGB = tuple[int, int, int]
 Pairs = frozenset[frozenset[str]]
 

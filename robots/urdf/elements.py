@@ -10,18 +10,6 @@ from foldcell.robots.example_data import read_description
 from foldcell.robots.gripper_geometry import GripperGeometry
 from foldcell.robots.ports import Side
 
-__all__ = [
-    "box_link",
-    "fixed_joint",
-    "mesh_path",
-    "neighbours",
-    "parallel_gripper",
-    "prefixed_arm",
-    "resolved",
-    "srdf_disabled_pairs",
-    "stripped",
-]
-
 Numbers = Sequence[float]
 
 

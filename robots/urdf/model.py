@@ -12,8 +12,6 @@ from foldcell.robots.ports import Array, Side, frozen
 from foldcell.robots.urdf.description import Dynamics, RobotDescription
 from foldcell.robots.urdf.elements import neighbours, resolved
 
-__all__ = ["build_model"]
-
 
 def build_model(description: RobotDescription) -> RobotModel:
     """Build the model. Raises ConfigurationError if the URDF is not readable, lacks a joint or link that the

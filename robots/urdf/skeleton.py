@@ -10,8 +10,6 @@ from string import Template
 
 from foldcell.robots.errors import ConfigurationError
 
-__all__ = ["skeleton_files"]
-
 TEMPLATES = Path(__file__).with_name("templates")
 FILES = {
     "pyproject.toml": "pyproject.toml.txt",

@@ -30,9 +30,7 @@ from foldcell.robots.errors import InternalError
 from foldcell.robots.ports import Array
 from foldcell.skills.cloth.mesh import ClothMesh, triangle_sides
 from foldcell.skills.cloth.simd.aligned_arrays import Table, named_arrays, zeros
-from foldcell.skills.cloth.simd.f32x16 import LANES
-
-__all__ = ["FAR", "LEAF", "Clusters", "build_clusters"]
+from foldcell.skills.cloth.simd.i32x16 import LANES
 
 LEAF = LANES  # largest number of triangles in a cluster: they fill one row
 FAR = 1e6  # [m] coordinates in unused lanes, which are thus near nothing; for triangles, see `Clusters`

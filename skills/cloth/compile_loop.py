@@ -11,8 +11,6 @@ from foldcell.skills.cloth.mesh import mesh_from_contour
 from foldcell.skills.cloth.solver import ClothSimulation
 from foldcell.skills.vocabulary import Material
 
-__all__ = ["is_compiled", "main"]
-
 
 def is_compiled() -> bool:
     """Whether the code of the loop is on disk, perhaps for another computer."""

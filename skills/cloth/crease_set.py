@@ -34,18 +34,6 @@ from numba import njit
 from foldcell.robots.ports import Array
 from foldcell.skills.cloth.inner import inner
 
-__all__ = [
-    "MODES",
-    "STANDARD_PRESSURE",
-    "STANDARD_TIME",
-    "CreaseLaw",
-    "advance_set",
-    "aim_hinges",
-    "build_crease_law",
-    "largest_crease_set",
-    "set_share",
-]
-
 STANDARD_PRESSURE = 18.17e3  # [Pa] 500 g on 15 x 18 mm of folded cloth
 STANDARD_TIME = 300.0  # [s]
 MODES = 4

@@ -40,24 +40,6 @@ from foldcell.skills.cloth.simd.f64x4 import FOUR, dots, ends, gather_f64x4, loa
 from foldcell.skills.cloth.simd.vec3 import dot, load, spread, store, vector
 from foldcell.skills.vocabulary import REFERENCE_DROP, Material
 
-__all__ = [
-    "GRAVITY",
-    "SHARPEST",
-    "BendingFriction",
-    "Elastic",
-    "bend_stiffening",
-    "bending_shares",
-    "build_bending_friction",
-    "build_elastic",
-    "colour_batches",
-    "flexural_rigidity",
-    "hinge_extents",
-    "membrane_modulus",
-    "shuffled",
-    "stretch_excess",
-    "turns",
-]  # fmt: skip
-
 GRAVITY = 9.81  # [m/s2]
 SWEEP = 0.5  # compliance that one sweep adds, in units of h^2 sum(w |grad C|^2), measured by the hang test
 FLOOR = 0.02  # lower bound of the corrected compliance, in the same unit

@@ -5,6 +5,4 @@ from functools import partial
 
 from numba import njit
 
-__all__ = ["inner"]
-
 inner = partial(njit, nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)

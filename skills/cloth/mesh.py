@@ -20,8 +20,6 @@ from foldcell.robots.errors import ConfigurationError
 from foldcell.robots.ports import Array, frozen
 from foldcell.skills.plane import cross, lengths_along
 
-__all__ = ["ClothMesh", "FineBands", "edge_finder", "mesh_from_contour", "triangle_sides"]
-
 Index = NDArray[np.int32]
 
 CORNER_TURN = np.deg2rad(10.0)  # a contour vertex that turns by more is a corner and keeps its place

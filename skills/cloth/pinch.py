@@ -22,9 +22,6 @@ from foldcell.robots.ports import Array
 if TYPE_CHECKING:  # the render process needs no mesh, and importing it takes a second
     from foldcell.skills.cloth.mesh import ClothMesh
 
-__all__ = ["PadGeometry", "Patch", "PinchReport", "PinchedPoints", "find_pinched"]
-
-
 PRESSED = 0.8  # share of the distance between layers that remains between the pads
 
 

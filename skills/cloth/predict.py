@@ -14,8 +14,6 @@ from foldcell.skills.cloth.settings import SolverSettings
 from foldcell.skills.cloth.solver import ClothSimulation
 from foldcell.skills.vocabulary import GraspId, Material, ToolPath
 
-__all__ = ["HANDS", "FoldPrediction", "predict_fold", "sample_paths"]
-
 HANDS = (GraspId.LEFT, GraspId.RIGHT)
 """Grasps of hand 0 and hand 1 of the simulation."""
 

@@ -13,8 +13,6 @@ from foldcell.skills.cloth.elasticity import stretch_excess
 from foldcell.skills.cloth.mesh import ClothMesh
 from foldcell.skills.vocabulary import Material
 
-__all__ = ["SolverSettings", "check_cloth", "choose_substeps"]
-
 # Largest accepted estimate of the stretch error, as a fraction of the length. The error itself is then below
 # 0.1 percentage points.
 MOST_ESTIMATE = 3e-4

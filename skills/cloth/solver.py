@@ -52,8 +52,6 @@ from foldcell.skills.cloth.state import (
 from foldcell.skills.cloth.topology import topology_of
 from foldcell.skills.vocabulary import Material
 
-__all__ = ["Capsules", "ClothSimulation"]
-
 Capsules = tuple[Array, Array, Array]
 """Capsules in motion: both ends, (frames + 1, k, 3) each, and radius (k,) [m]."""
 

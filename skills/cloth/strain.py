@@ -22,8 +22,6 @@ from scipy.spatial import cKDTree
 from foldcell.robots.ports import Array
 from foldcell.skills.cloth.mesh import ClothMesh, Index
 
-__all__ = ["BESIDE", "MOST_STRAIN", "TURN", "largest_strain", "reach", "turns"]
-
 TURN = np.deg2rad(45.0)
 """If the direction of the surface near an edge changes by more than this angle, the edge is beside a crease [rad].
 The angle is halfway between cloth that lies and cloth that stands upright."""

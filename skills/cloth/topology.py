@@ -16,8 +16,6 @@ from foldcell.skills.cloth.elasticity import colour_batches, shuffled
 from foldcell.skills.cloth.mesh import ClothMesh, edge_finder, triangle_sides
 from foldcell.skills.cloth.simd.aligned_arrays import aligned
 
-__all__ = ["Topology", "topology_of"]
-
 MESHES = 16  # number of meshes whose topology is cached
 
 

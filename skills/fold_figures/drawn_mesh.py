@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 
 from foldcell.robots.ports import Array
 
-__all__ = ["outline", "vertex_normals"]
-
 OUTLINE_PIXEL = 0.001
 """Outlines are traced in pixels of this size on the table [m]."""
 

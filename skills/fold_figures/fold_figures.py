@@ -18,16 +18,6 @@ from foldcell.skills.compiled import cached
 from foldcell.skills.fold_figures.folded_mesh import FoldedMesh, fold_mesh
 from foldcell.skills.vocabulary import Array, FoldLine
 
-__all__ = [
-    "CREASE_MARGIN",
-    "PIXEL",
-    "FoldFigures",
-    "TableRaster",
-    "measure_cut_fold",
-    "measure_fold",
-    "rasterise",
-]
-
 PIXEL = 0.001  # of the raster [m]
 CREASE_MARGIN = 0.040
 """Distance from a fold line within which cloth counts as beside the crease [m]."""

@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 from foldcell.skills.plane import cross
 from foldcell.skills.vocabulary import Array, FoldLine, frozen
 
-__all__ = ["FoldedMesh", "doubled_area", "fold_mesh"]
-
 ON_LINE = 1e-7  # a vertex closer to a fold line than this counts as on the line, to avoid slivers [m]
 
 

@@ -16,8 +16,6 @@ from foldcell.skills.fold_plan.plan import ways_to_fold
 from foldcell.skills.garments.garment import Garment
 from foldcell.skills.vocabulary import Array, GarmentState
 
-__all__ = ["EDGE_SHARE", "creases_of", "mesh_near_creases", "predictor_mesh"]
-
 EDGE_SHARE = 0.6
 """Edge length near creases, in bending lengths. With longer edges, a free fold deviates from the elastica by more
 than 10 % on some meshes (benchmarks/cloth/free_fold.py)."""

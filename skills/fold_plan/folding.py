@@ -20,20 +20,6 @@ from foldcell.skills.vocabulary import Array, FoldLine, Material, frozen
 if TYPE_CHECKING:  # the render process needs no mesh, and importing it takes a second
     from foldcell.skills.cloth.mesh import ClothMesh
 
-__all__ = [
-    "FoldedPoints",
-    "crease_segments",
-    "fold_points",
-    "fold_xy",
-    "folded_creases",
-    "layers_at",
-    "layers_under",
-    "nearest_moving",
-    "outline_of",
-    "silhouette",
-    "target_vertices",
-]
-
 COVERED = 0.25
 """The open pads take a layer if it covers at least this share of their footprint."""
 SPACING = 0.004

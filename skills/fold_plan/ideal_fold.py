@@ -20,8 +20,6 @@ from foldcell.skills.cloth.strain import largest_strain
 from foldcell.skills.fold_plan.turned_fold import TURN_S, turned_over
 from foldcell.skills.vocabulary import Array, FoldLine, Material, frozen
 
-__all__ = ["REST_MOTION", "SETTLE_S", "IdealFold", "ideal_folds", "settled_fold"]
-
 REST_MOTION = 5e-4
 """Cloth whose vertices move less than this in REST_S counts as settled [m]."""
 REST_S = 0.1

@@ -13,8 +13,6 @@ from foldcell.skills.fold_plan.ideal_fold import ideal_folds
 from foldcell.skills.fold_plan.plan import ways_to_fold
 from foldcell.skills.garments.garment import Garment
 
-__all__ = ["IdealFoldHeights", "bending_lengths", "ideal_fold_heights"]
-
 RESIDUAL_CURVATURE = 44.0
 """Bending friction of an unknown fabric [1/m]: mean of six denims (Journal of Textiles 2016, 4614168, Table 5)."""
 SETTLE_S = 1.5

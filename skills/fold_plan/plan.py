@@ -27,8 +27,6 @@ from foldcell.skills.vocabulary import (
     skill,
 )
 
-__all__ = ["LEAST_FLAP", "RELEASE_CLEARANCE", "plan_folds", "rigid_motion", "translate_plan", "ways_to_fold"]
-
 RELEASE_CLEARANCE = 0.005
 """Height of the fingertips above the stack at release [m]. Tips that press into the stack would push it away."""
 

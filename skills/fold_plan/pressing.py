@@ -15,8 +15,6 @@ import numpy as np
 
 from foldcell.skills.vocabulary import Array, FoldLine, GraspId, ToolPath, frozen
 
-__all__ = ["OPENING", "Dab", "crease_dabs", "press_paths", "within_reach", "within_time"]
-
 OPENING = 0.030
 """Opening of the pads while they press [m]."""
 FINGERS = 0.019

@@ -29,8 +29,6 @@ from foldcell.skills.vocabulary import (
     frozen,
 )
 
-__all__ = ["MISPLACED", "RepairGoal", "RepairPlan", "locate_grasp", "plan_repair", "ways_to_hold"]
-
 
 class RepairGoal(StrEnum):
     """Where the moved cloth is carried."""

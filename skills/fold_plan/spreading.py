@@ -31,8 +31,6 @@ from foldcell.skills.vocabulary import (
     frozen,
 )
 
-__all__ = ["AWAY", "Possible", "Pull", "lies_on", "plan_pulls", "pulls_home", "spread_arcs", "spread_step"]
-
 Possible = Callable[[Array], bool]
 """Whether cloth and hands may be at points (n, 2): on the table, and in the camera's view."""
 

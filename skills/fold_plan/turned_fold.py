@@ -22,8 +22,6 @@ from foldcell.skills.cloth.solver import ClothSimulation
 from foldcell.skills.fold_plan.folding import fold_xy, target_vertices
 from foldcell.skills.vocabulary import Array, FoldLine, Material
 
-__all__ = ["TURN_S", "turned_over"]
-
 TURN_S, HOLD_S = 1.2, 0.2
 """Duration of the half turn, which starts and ends gently, and time for which the guided cloth is then
 held [s]."""

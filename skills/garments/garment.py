@@ -10,8 +10,6 @@ import numpy as np
 
 from foldcell.skills.vocabulary import Array, GarmentState, GraspId, Material, frozen
 
-__all__ = ["Anchor", "Fabric", "Garment", "PlanGrasp", "PlanStep", "PlanVariant", "PoseRange", "Span"]
-
 Edge = tuple[str, str]
 Span = tuple[float, float]
 """Smallest and largest value."""

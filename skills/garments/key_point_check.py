@@ -21,8 +21,6 @@ from foldcell.skills.garments.outline_check import (
 )
 from foldcell.skills.garments.picture_measure import PictureMeasure, as_laid
 
-__all__ = ["KeyPointFinding", "check_key_points"]
-
 PROPORTIONS = 0.35
 """Other proportions than those of the known garment are worth a look beyond this difference: standard deviation,
 over the outline's edges, of the logarithm of their relative length. They are no mistake: the sleeves of a T-shirt

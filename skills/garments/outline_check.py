@@ -10,8 +10,6 @@ import shapely
 
 from foldcell.robots.ports import Array
 
-__all__ = ["LARGEST", "SMALLEST", "crosses_itself", "impossible_size", "runs_clockwise", "same_places"]
-
 SAME_PLACE = 0.002
 """Key points that are nearer than this lie at the same place, relative to the garment's size."""
 SMALLEST, LARGEST = 0.05, 3.0

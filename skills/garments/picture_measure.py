@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from foldcell.robots.ports import Array, frozen
 
-__all__ = ["PictureMeasure", "as_laid", "fitted_template", "mirror_images"]
-
 SYMMETRIC = 0.002
 """A template whose points differ from their mirror images by less than this is symmetric [m]."""
 

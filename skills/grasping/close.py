@@ -11,8 +11,6 @@ from foldcell.skills.grasping.settings import GraspSettings
 from foldcell.skills.grasping.tare import TactileBias
 from foldcell.skills.vocabulary import Failure, FailureKind, Outcome
 
-__all__ = ["CloseState", "Closed", "MovingPads", "close", "start_close"]
-
 STILL_WINDOW = 0.12
 """Time over which the speed of the pads is measured [s]."""
 STILL_SPEED = 0.008

@@ -19,17 +19,6 @@ from foldcell.skills.grasping.settings import GraspSettings
 from foldcell.skills.grasping.tare import LoadedReadings
 from foldcell.skills.vocabulary import Failure, FailureKind, Outcome, refuse, skill
 
-__all__ = [
-    "Confirmation",
-    "Expectation",
-    "Held",
-    "LayerCount",
-    "LiftCheck",
-    "check_lift",
-    "confirm",
-    "count_layers",
-]
-
 CONFIRM_READINGS = 15
 """Number of readings that are averaged to confirm a grasp, or that a lifted grasp still holds."""
 SETTLED_SPEED, SETTLED_READINGS = 0.004, 60

@@ -16,8 +16,6 @@ from foldcell.skills.grasping.settings import GraspSettings
 from foldcell.skills.grasping.tare import TactileBias
 from foldcell.skills.vocabulary import Array, Failure, FailureKind, Outcome
 
-__all__ = ["Contact", "DescentCommand", "DescentGoal", "DescentState", "descend", "start_descent", "yielding"]
-
 ARM_STIFFNESS = 1500.0
 """Stiffness of an arm at the hand, along z [N/m]. The height from the joints does not show this deflection."""
 TIP_STIFFNESS = 2500.0

@@ -19,8 +19,6 @@ from foldcell.skills.grasping.settings import GraspSettings
 from foldcell.skills.grasping.tare import TactileBias
 from foldcell.skills.vocabulary import Failure, FailureKind, Outcome
 
-__all__ = ["NARROW", "Emptied", "EmptyCheck", "check_empty"]
-
 MET_READINGS = 5
 """Number of readings of the opening that are averaged."""
 MET = 1 / 3

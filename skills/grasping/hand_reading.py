@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from foldcell.robots.ports import GripperState, TactileReading
 from foldcell.skills.vocabulary import Array, Failure, FailureKind
 
-__all__ = ["GripCommand", "HandReading", "validate_reading"]
-
 GRIPPER_STALE = 0.50
 """Maximum age of a gripper state [s]. Electric grippers report at 20 Hz."""
 

@@ -14,8 +14,6 @@ from foldcell.robots.ports import Side
 from foldcell.skills.grasping.settings import GraspSettings
 from foldcell.skills.vocabulary import Array, Failed, Failure, FailureKind
 
-__all__ = ["ConstantPads", "dead_pad", "watch_pads"]
-
 LIVE_READINGS = 10
 """Number of readings by which a pad that became constant during a fold is found."""
 

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from foldcell.skills.grasping.hand_reading import GripCommand, HandReading, validate_reading
 from foldcell.skills.vocabulary import Failure, FailureKind, Outcome
 
-__all__ = ["ReleaseState", "Released", "release", "start_release"]
-
 RELEASE_FORCE = 10.0
 """Force with which the pads open [N]."""
 RELEASE_TOLERANCE = 0.002

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-__all__ = ["GraspSettings", "without_tactile"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class GraspSettings:

@@ -22,8 +22,6 @@ from foldcell.skills.grasping.settings import GraspSettings
 from foldcell.skills.grasping.tare import TactileBias
 from foldcell.skills.vocabulary import Failure, FailureKind, Outcome, refuse, skill
 
-__all__ = ["Channel", "SlipWatch", "start_slip_watch", "watch_slip"]
-
 SLIP_BASELINE_READINGS = 12
 """Number of readings from which a signal's baseline follows."""
 SLIP_SIGMAS = 5.5

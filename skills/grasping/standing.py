@@ -11,8 +11,6 @@ import numpy as np
 
 from foldcell.skills.grasping.descend import ARM_STIFFNESS, TIP_STIFFNESS
 
-__all__ = ["lower_tip", "standing_height", "to_stand_at"]
-
 
 def lower_tip(tip_distance: float, lean: float) -> float:
     """Return how far the lower fingertip of a leaning hand is below the middle between its tips [m]. tip_distance:

@@ -18,8 +18,6 @@ from foldcell.skills.grasping.settings import GraspSettings
 from foldcell.skills.grasping.tare import TARE_READINGS, LoadedReadings, TactileBias
 from foldcell.skills.vocabulary import Array, Failure, FailureKind, Outcome, refuse, skill
 
-__all__ = ["Clear", "DragWatch", "StuckCheck", "check_stuck", "watch_drag"]
-
 STUCK_READINGS = 20
 """Number of readings that are averaged for the check."""
 STUCK_SIGMAS = 4.5

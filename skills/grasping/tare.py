@@ -18,8 +18,6 @@ from foldcell.skills.grasping.live_pads import dead_pad
 from foldcell.skills.grasping.settings import GraspSettings
 from foldcell.skills.vocabulary import Array, Outcome, frozen, refuse, skill
 
-__all__ = ["LoadedReadings", "TactileBias", "TareState", "tare"]
-
 TARE_READINGS = 12
 """Number of tactile readings averaged into the bias."""
 

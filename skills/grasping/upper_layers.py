@@ -10,8 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-__all__ = ["Grip", "next_height"]
-
 STEP = 0.5
 """A hand that took one layer too many or too few next stands higher or lower by this [layers]. The wanted layers
 are taken over a range of heights of one layer, so this cannot step over it."""

@@ -18,8 +18,6 @@ from foldcell.skills.perception.segmentation.mask import SMALLEST_AREA
 from foldcell.skills.perception.settings import PerceptionSettings
 from foldcell.skills.vocabulary import CameraCalibration, CameraFrame, Failure, FailureKind
 
-__all__ = ["camera_fault", "depth_fault", "picture_digests", "repeated", "same_picture", "table_unseen"]
-
 DARK_LEVEL = 6.0
 """A picture whose mean intensity (0..255) is below this is black."""
 WHITE_LEVEL = 254.0

@@ -15,8 +15,6 @@ from foldcell.skills.perception.segmentation.mask import Segmentation
 from foldcell.skills.perception.settings import PerceptionSettings
 from foldcell.skills.vocabulary import Failure, FailureKind, Outcome
 
-__all__ = ["CLEAR", "choose_garment", "fit_quality", "flatness", "misfit", "wanted_garment"]
-
 POLYGON_IOU = 0.91
 """Minimum overlap of a silhouette with the polygon of its key points."""
 FREE_POLYGON_IOU, UNNAMED_IOU = 0.86, 0.93

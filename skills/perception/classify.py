@@ -21,8 +21,6 @@ from foldcell.skills.perception.outline import GarmentOutline, MemberOutline, co
 from foldcell.skills.perception.registration.energy import Boundary, EnergyWeights
 from foldcell.skills.perception.registration.register import FitSettings, best_starts, fit
 
-__all__ = ["Match", "classify", "polygon_iou"]
-
 _STIFF = FitSettings(
     weights=EnergyWeights(kappa=0.2, beta=0.05),
     longest=10.0,  # no new vertices: a template bends at its key points only

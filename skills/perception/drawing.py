@@ -13,8 +13,6 @@ from foldcell.robots.ports import Array
 from foldcell.skills.perception.perceive import Perception, Sought
 from foldcell.skills.perception.rectification.table_view import TableView
 
-__all__ = ["draw_fitting", "draw_on_camera", "draw_overlay", "draw_sought"]
-
 _TINT = (60, 160, 255)
 _CONTOUR = (40, 220, 90)
 _POINT = (255, 70, 60)

@@ -27,8 +27,6 @@ from foldcell.skills.perception.registration.energy import Boundary, closest_seg
 from foldcell.skills.perception.registration.register import best_starts
 from foldcell.skills.plane import rotation
 
-__all__ = ["FAMILIES", "Family", "Joint", "best_members", "likely_members"]
-
 Span = tuple[float, float]
 
 

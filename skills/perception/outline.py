@@ -14,19 +14,6 @@ from scipy.spatial import cKDTree
 from foldcell.robots.ports import Array
 from foldcell.skills.plane import cross, lengths_along, rotation
 
-__all__ = [
-    "GarmentOutline",
-    "MemberOutline",
-    "counter_clockwise",
-    "interior_angles",
-    "outward_normals",
-    "polygon_area",
-    "resample_closed",
-    "segment_lengths",
-    "smooth_closed",
-    "symmetries",
-]
-
 _MAX_MOMENT_RATIO = 0.9
 """An outline whose smaller second moment is more than this share of the larger has no distinct principal axes."""
 

@@ -59,8 +59,6 @@ from foldcell.skills.vocabulary import (
     Table,
 )
 
-__all__ = ["Perception", "Sought", "perceive"]
-
 SURE_FIT = 0.82
 """A proposal with at least this quality of fit (`candidate.fit_quality`) is accepted before the others are
 tried."""

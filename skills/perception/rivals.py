@@ -23,8 +23,6 @@ from foldcell.skills.perception.registration.energy import Boundary
 from foldcell.skills.perception.registration.register import best_starts
 from foldcell.skills.vocabulary import Failure, FailureKind
 
-__all__ = ["SecondBest", "astray", "either", "likely_matches", "likeness", "places_of", "second_best"]
-
 FITTED = 2.0
 """Categories are fitted whose starts are at most this many times as far from the outline as the nearest."""
 STRAIN_COST, FREEDOM_COST = 0.1, 0.03

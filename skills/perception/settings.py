@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["PerceptionSettings"]
-
 VIEW_PIXEL = 0.002
 """Length of a pixel of the rectified view [m]."""
 VIEW_BORDER = 0.006

@@ -18,8 +18,6 @@ from foldcell.skills.perception.usable_region import intrusion, touches_border
 from foldcell.skills.perception.views import Views
 from foldcell.skills.vocabulary import Failure, FailureKind, Outcome
 
-__all__ = ["find_silhouette", "segmentations"]
-
 _MARGIN = 2
 """A garment nearer than this to the border of the view is out of view [px]."""
 

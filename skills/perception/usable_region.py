@@ -15,8 +15,6 @@ from foldcell.skills.perception.segmentation.surroundings import MOST_FOREIGN, f
 from foldcell.skills.perception.settings import LITTER_SHARE, MIN_SEGMENTATION, VIEW_BORDER, PerceptionSettings
 from foldcell.skills.vocabulary import Failure, FailureKind
 
-__all__ = ["adjoined", "intrusion", "nothing_whole", "small_rectangle", "touches_border", "unusable"]
-
 INTRUDER_SHARE = 0.02
 """Maximum area of objects that reach into the picture from its edge, relative to the area of the garment."""
 RIVAL_SHARE = 0.5

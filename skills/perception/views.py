@@ -14,8 +14,6 @@ from foldcell.skills.perception.segmentation.obstruction import obstructed
 from foldcell.skills.perception.settings import VIEW_PIXEL, PerceptionSettings
 from foldcell.skills.vocabulary import CameraCalibration, CameraFrame, Outcome, Table
 
-__all__ = ["Views", "open_views"]
-
 
 @dataclass(frozen=True, eq=False)
 class Views:

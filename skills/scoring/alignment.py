@@ -20,8 +20,6 @@ from foldcell.skills.plane import cross, lengths_along, resampled, rotation
 from foldcell.skills.scoring.verdict import IdealHeights
 from foldcell.skills.vocabulary import Array, FoldLine
 
-__all__ = ["AlignedGarment", "FinalGarment"]
-
 EDGE_SPACING = 0.005  # distance between samples along a pair of edges [m]
 LARGEST_EXTENT = 5.0  # a wider garment is an error of the simulation [m]
 

@@ -30,8 +30,6 @@ from foldcell.skills.scoring.alignment import AlignedGarment, FinalGarment
 from foldcell.skills.scoring.verdict import DEFAULT_LIMITS, Figure, Score, ScoreLimits
 from foldcell.skills.vocabulary import Array
 
-__all__ = ["diagonal", "keypoint_offsets", "named_edge_pairs", "score", "score_plan"]
-
 
 def score(garment: FinalGarment, limits: ScoreLimits = DEFAULT_LIMITS) -> Score:
     """Score a folded garment. Raises InternalError if its vertices are not finite or too far apart."""

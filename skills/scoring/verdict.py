@@ -14,8 +14,6 @@ from typing import Any
 
 from foldcell.skills.vocabulary import FoldLine
 
-__all__ = ["DEFAULT_LIMITS", "Figure", "IdealHeights", "Score", "ScoreLimits"]
-
 
 @dataclass(frozen=True)
 class IdealHeights:

@@ -24,9 +24,6 @@ from foldcell.skills.state_estimate.hypothesis import Hypothesis
 from foldcell.skills.state_estimate.observation import Observation
 from foldcell.skills.vocabulary import PredictedShape
 
-__all__ = ["Fit", "fit"]
-
-
 CELL = 0.024  # edge of a cell [m]
 # Standard deviation of the covered share of a cell on the outline: the error of the outline divided by CELL
 COVERAGE = 0.25

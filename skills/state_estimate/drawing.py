@@ -11,8 +11,6 @@ from foldcell.skills.state_estimate.estimate import StateEstimate
 from foldcell.skills.state_estimate.hypothesis import FoldState
 from foldcell.skills.state_estimate.observation import Observation
 
-__all__ = ["draw_estimate"]
-
 MARGIN = 30
 """Width of the picture around the outlines [px]."""
 HEAD, GAP = 26, 6

@@ -13,8 +13,6 @@ from foldcell.skills.state_estimate.hypothesis import FoldState, Hypothesis, Int
 from foldcell.skills.state_estimate.observation import Observation
 from foldcell.skills.vocabulary import GraspId, PredictedShape
 
-__all__ = ["COMPLETED", "PRIORS", "StateEstimate", "estimate_state"]
-
 Simulate = Callable[[Sequence[Interruption]], Sequence[Array]]
 """Simulates interrupted folds: returns the vertices (n, 3) after each of them."""
 

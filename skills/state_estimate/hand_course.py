@@ -13,8 +13,6 @@ from foldcell.robots.ports import Array
 from foldcell.skills.cloth.predict import HANDS
 from foldcell.skills.vocabulary import GraspId
 
-__all__ = ["HandCourse", "held_until", "without_gaps"]
-
 AT_FIRST_S = 0.2
 """The hands are assumed to hold their cloth for this time after the beginning. The openings in this time are the
 openings with cloth [s]."""

@@ -8,8 +8,6 @@ from enum import StrEnum
 
 from foldcell.skills.vocabulary import GraspId, PredictedShape
 
-__all__ = ["FoldState", "Hypothesis", "Interruption"]
-
 
 class FoldState(StrEnum):
     """State of the garment with respect to one fold."""

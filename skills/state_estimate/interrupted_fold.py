@@ -14,8 +14,6 @@ from foldcell.skills.state_estimate.hand_course import HandCourse
 from foldcell.skills.state_estimate.hypothesis import Interruption
 from foldcell.skills.vocabulary import Array, GraspId, Material, ToolPath, frozen
 
-__all__ = ["simulate_interruptions"]
-
 SETTLE_S = 1.2
 """Time that the cloth gets to come to rest [s]."""
 RAISED = 1.0

@@ -14,8 +14,6 @@ from foldcell.skills.perception.silhouette import find_silhouette
 from foldcell.skills.perception.views import open_views
 from foldcell.skills.vocabulary import CameraCalibration, CameraFrame, Outcome, Table, skill
 
-__all__ = ["Observation", "observe"]
-
 
 @dataclass(frozen=True, eq=False)
 class Observation:

@@ -11,8 +11,6 @@ from foldcell.skills.state_estimate.estimate import StateEstimate
 from foldcell.skills.state_estimate.hypothesis import FoldState, Interruption
 from foldcell.skills.vocabulary import GraspId
 
-__all__ = ["describe"]
-
 MOVED, TURNED = 0.02, 0.07
 """Smaller displacements [m] and turns [rad] are not mentioned."""
 HIGHEST = 0.99

@@ -18,8 +18,6 @@ from scipy.spatial.transform import Rotation
 
 from foldcell.skills.vocabulary import Array, ToolPath, frozen
 
-__all__ = ["COLUMNS", "MARKS", "joint_trajectory", "pose_rows", "pose_trajectory", "tool_poses_text"]
-
 COLUMNS = ("t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 FRAME = "table"
 MARKS = {

@@ -17,17 +17,6 @@ from foldcell.skills.trajectory.arcs.paths import fold_duration
 from foldcell.skills.trajectory.search.objective import cost
 from foldcell.skills.vocabulary import Array, FoldStep, GraspId, GraspTrajectory, Material, frozen
 
-__all__ = [
-    "SCHEMA",
-    "Library",
-    "LibraryEntry",
-    "Refusal",
-    "from_json",
-    "lookup",
-    "to_json",
-    "trajectory_from",
-]
-
 SCHEMA = "foldcell.library/1"
 
 SIZE_RATIO = 1.30

@@ -15,8 +15,6 @@ from foldcell.cell.states.transition_table import State
 from foldcell.robots.errors import FailureKind
 from tests.builders.records import run_record, score_record
 
-__all__ = ["FINISHED", "logged_fold", "record", "request", "trial", "trials_campaign"]
-
 FINISHED = "finished.log"
 """File in the campaign's folder with one line for each run that `logged_fold` finished."""
 

@@ -18,8 +18,6 @@ from foldcell.skills.cloth.solver import ClothSimulation
 from foldcell.skills.plane import rotation
 from foldcell.skills.vocabulary import Material
 
-__all__ = ["COTTON", "EVERY_EDGE", "call", "crease_angles", "rows", "straight", "turned"]
-
 EVERY_EDGE = np.float32(2.0)  # cosine from which an edge is a ridge, so that every edge is one
 COTTON = Material(
     areal_mass=0.3, stretch_fraction=0.02, bending_length=0.016, thickness=0.003, friction_static=0.6,

@@ -14,8 +14,6 @@ from foldcell.cell.states.stages import Attempt, Plan, Recognition
 from foldcell.skills.cloth.mesh import mesh_from_contour
 from foldcell.skills.vocabulary import GarmentState
 
-__all__ = ["context_with"]
-
 _NOTHING_PLANNED: dict[str, Any] = {
     "garment": SimpleNamespace(plan=[SimpleNamespace(variants=())] * 9, material=SimpleNamespace(thickness=0.002)),
     "flat": GarmentState("towel", np.array([[0.0, 0.0], [0.1, 0.0], [0.1, 0.1], [0.0, 0.1]]), {}, 1.0),

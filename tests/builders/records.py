@@ -12,8 +12,6 @@ from foldcell.cell.record.run_record_builder import RunRecordBuilder
 from foldcell.cell.states.fold_request import FoldRequest
 from foldcell.cell.states.transition_table import State
 
-__all__ = ["record_builder", "run_record", "run_status", "score_record"]
-
 
 def run_record(**changes: Any) -> RunRecord:
     """The record of a simulated run that folded a towel, without folds and score."""

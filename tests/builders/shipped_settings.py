@@ -9,8 +9,6 @@ from foldcell.cell.hardware.assembly import execution_limits
 from foldcell.skills.perception import perceive as perceiving
 from foldcell.skills.perception.inspection import inspect as inspecting
 
-__all__ = ["GRASP", "INSPECTION", "LIMITS", "PERCEPTION", "inspect", "perceive"]
-
 _SHIPPED = load_settings()
 GRASP = _SHIPPED.grasp.settings(contact_effort=9.0, empty_opening=0.0, tip_distance=0.038)
 LIMITS = execution_limits(_SHIPPED.motion)

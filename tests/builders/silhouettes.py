@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 from foldcell.robots.ports import Array
 
-__all__ = ["Silhouette"]
-
 
 @dataclass(frozen=True, eq=False)
 class Silhouette:

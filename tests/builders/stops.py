@@ -8,8 +8,6 @@ from foldcell.robots.model import JointLimits
 from foldcell.robots.ports import ArmTrajectory
 from foldcell.skills.motion.timing.timing import STOP_TIME, ClockWarp, warp_clock, warped
 
-__all__ = ["stop_profile"]
-
 
 def stop_profile(
     trajectory: ArmTrajectory, t: float, limits: JointLimits, duration: float = STOP_TIME

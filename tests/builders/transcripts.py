@@ -9,8 +9,6 @@ from foldcell.cell.transcript.channels import CellConstants
 from foldcell.cell.transcript.transcript import TRANSCRIPT, TranscriptWriter
 from foldcell.cell.transcript.transcript_codec import Exchange, pack
 
-__all__ = ["write_transcript"]
-
 
 def write_transcript(folder: Path, constants: CellConstants, exchanges: Iterable[Exchange]) -> Path:
     """Write a transcript into the run's folder and return its path."""

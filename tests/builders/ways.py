@@ -5,8 +5,6 @@ from __future__ import annotations
 from foldcell.cell.executive.machine import complete_table
 from foldcell.cell.states.transition_table import TERMINAL, Effect, Event, Row, State
 
-__all__ = ["WAYS"]
-
 
 def ways() -> dict[tuple[State, Effect], tuple[Row, ...]]:
     """The shortest path through the table to each state and effect."""

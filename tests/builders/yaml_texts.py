@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["aliases_of_aliases"]
-
 
 def aliases_of_aliases(kind: str = "list", levels: int = 4, count: int = 10) -> str:
     """A short text that stands for count ** (levels + 1) values: each line repeats the one before."""

@@ -17,8 +17,6 @@ from foldcell.cell.support.files.paths import journal_path
 from foldcell.robots.errors import CellError
 from foldcell.skills.scoring.verdict import Figure
 
-__all__ = ["Comparison", "Row", "Value", "compare_runs"]
-
 PICTURES = {"last.jpg": "the last picture", "fold.png": "key frames of the folds", "pressing.png": "pressing"}
 
 

@@ -12,8 +12,6 @@ from foldcell.cell.hardware.driver_names import is_simulated
 from foldcell.cell.record.run_record import Ending, RunRecord
 from foldcell.cell.record.words import garment_name, plain
 
-__all__ = ["DAMAGED", "FALSE_CLAIM", "CampaignEntry", "LogsContent", "RunEntry"]
-
 DAMAGED, FALSE_CLAIM = "damaged", "false claim"
 
 

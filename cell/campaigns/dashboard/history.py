@@ -28,8 +28,6 @@ from foldcell.cell.record.words import plain
 from foldcell.cell.support.files.paths import journal_path
 from foldcell.robots.errors import CellError, StorageError
 
-__all__ = ["History"]
-
 RUN_NAME = re.compile(r"(\d{8}T\d{6}Z)-")
 """Beginning of the name of a run's folder: the time (UTC) at which the run began."""
 LEAST_AGE_S = 1.0

@@ -11,8 +11,6 @@ from urllib.parse import urlencode
 
 from foldcell.cell.campaigns.dashboard.entries import DAMAGED, RunEntry
 
-__all__ = ["PAGE_LENGTH", "RunFilter", "page_of"]
-
 PAGE_LENGTH = 50
 NO_CAMPAIGN = "-"
 """Stands in place of a campaign's name for the runs that belong to no campaign."""

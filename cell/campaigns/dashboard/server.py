@@ -25,8 +25,6 @@ from foldcell.cell.operator.local_server import served
 from foldcell.cell.record.words import plain, seconds, value_in_words
 from foldcell.cell.support.files.html_page import page_template
 
-__all__ = ["served_history"]
-
 MAY_LOAD = "img-src 'self' data:; media-src 'self' data:; form-action 'self'"
 SERVED = frozenset({".html", ".jpg", ".jpeg", ".png", ".webp", ".mp4", ".webm", ".rrd"})
 """Types of the files that are served: reports, pictures, films and recordings. Journals, settings and locks are

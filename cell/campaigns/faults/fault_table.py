@@ -27,8 +27,6 @@ from foldcell.cell.config.yaml_file import read_yaml, validated
 from foldcell.cell.simulation import TRAITS, FaultKind, Place
 from foldcell.robots.errors import ConfigurationError
 
-__all__ = ["SHIPPED", "DueEnd", "FaultEntry", "FaultTable", "Stage", "read_fault_table"]
-
 SHIPPED = Path(str(resources.files("foldcell.cell.campaigns.faults") / "fault_table.yaml"))
 """The table that is part of the program."""
 

@@ -16,8 +16,6 @@ from foldcell.cell.simulation import TRAITS
 from foldcell.robots.errors import ConfigurationError
 from foldcell.robots.ports import Side
 
-__all__ = ["chosen_faults", "drawn_action", "fault_campaign", "faults_of"]
-
 AND = "+"
 """Separates the names of the two faults of a run."""
 

@@ -11,8 +11,6 @@ from foldcell.cell.campaigns.trials.trial import Trial, failed_figures
 from foldcell.cell.record.run_record import RunRecord, ScoreRecord
 from foldcell.cell.states.transition_table import State
 
-__all__ = ["Verdict", "due_ends", "judge"]
-
 DRIFT = {"drift_m", "drift_rad"}
 """Figures of the score that measure how far the garment lies from its place."""
 

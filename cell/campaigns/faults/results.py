@@ -13,8 +13,6 @@ from foldcell.cell.campaigns.statistics.proportions import wilson_interval
 from foldcell.cell.campaigns.trials.trial import Trial
 from foldcell.cell.support.json_values import to_json
 
-__all__ = ["FaultResults", "Group"]
-
 SCHEMA = 1
 TWO = " and another"
 Judged = tuple[Trial, Verdict]

@@ -26,8 +26,6 @@ from foldcell.cell.support.forwarding import forwarding
 from foldcell.robots.errors import FailureKind, InternalError
 from foldcell.robots.ports import Array, Clock, JointSetpoint, Ports
 
-__all__ = ["Director", "Observations", "scheduled"]
-
 OVERTIME = "the script's time is over"
 GIVE_UP, HALT = Action.model_validate({"say": Event.ABORT.value}), Action.model_validate({"stop": OVERTIME})
 """Actions for a run that exceeds its time limit: GIVE_UP first, HALT if the run still does not end."""

@@ -34,8 +34,6 @@ from foldcell.cell.states.transition_table import TERMINAL, Event, State
 from foldcell.robots.errors import ConfigurationError, FailureKind
 from foldcell.robots.ports import Side
 
-__all__ = ["Action", "Expectation", "FaultSpec", "Group", "Moment", "Script", "as_list", "one_of", "read_script"]
-
 LIMIT_S = 600.0
 """Cell time after which a run is aborted, unless its script states another limit [s]."""
 _LONGEST_S = 36_000.0

@@ -24,8 +24,6 @@ from foldcell.robots.errors import CellError, ConfigurationError
 if TYPE_CHECKING:
     from foldcell.cell.executive.runner import EffectFunction
 
-__all__ = ["ScriptResult", "broken_expectations", "check_script", "fold_scripted", "run_script"]
-
 
 @dataclass(frozen=True)
 class ScriptResult:

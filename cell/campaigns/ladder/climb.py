@@ -25,8 +25,6 @@ from foldcell.cell.support.json_values import to_json
 from foldcell.robots.errors import ConfigurationError
 from foldcell.skills.vocabulary import Outcome
 
-__all__ = ["Climbed", "Passes", "StepResult", "climb", "climb_cell", "write_results"]
-
 STATE = "ladder"
 FRESH_S = 24 * 3600.0
 """A step that passed counts for this time [s]."""

@@ -13,8 +13,6 @@ from foldcell.cell.campaigns.ladder.steps import STEPS
 from foldcell.cell.support.files.html_page import page_template
 from foldcell.cell.support.files.whole_file import write_whole
 
-__all__ = ["PAGE", "write_page"]
-
 PAGE = "ladder.html"
 WIDTH, HEIGHT, POINTS = 460, 110, 400
 MOVED_DEG = 0.5

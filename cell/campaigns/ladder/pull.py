@@ -24,8 +24,6 @@ from foldcell.skills.motion.kinematics.ik import tool_pose
 from foldcell.skills.motion.moves.lift import plan_straight
 from foldcell.skills.vocabulary import Outcome
 
-__all__ = ["pulling"]
-
 LIGHT, SETTLE_S = 1.5, 0.5
 """Force with which the pads hold the cloth meanwhile [N], and how long they settle to it [s]."""
 REACH, SPEED = 0.08, 0.02

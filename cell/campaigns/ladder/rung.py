@@ -12,8 +12,6 @@ from foldcell.cell.hardware.workcell import Workcell
 from foldcell.cell.support.forwarding import forwarding
 from foldcell.robots.ports import Array, Ports
 
-__all__ = ["Curve", "Recording", "Rung"]
-
 EVERY_S = 0.02
 """Period of the recording [s]."""
 

@@ -20,8 +20,6 @@ from foldcell.cell.record.run_record import RunRecord
 from foldcell.cell.states.transition_table import Effect
 from foldcell.cell.support.files.paths import journal_path
 
-__all__ = ["ScriptedRuns"]
-
 GARMENT = "small_towel"
 HOLD_S = 10.0
 REASON = "a step of the ladder"

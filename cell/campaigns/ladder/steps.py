@@ -26,8 +26,6 @@ from foldcell.robots.ports import BoardPlace, Side
 from foldcell.skills.grasping.hand_reading import GripCommand
 from foldcell.skills.motion.moves.lift import plan_lift
 
-__all__ = ["STEPS", "Figures", "Step"]
-
 Figures = Mapping[str, float]
 
 NOISE, ZERO = 0.1, 1.0

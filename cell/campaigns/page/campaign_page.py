@@ -22,8 +22,6 @@ from foldcell.cell.record.words import difference, figure, garment_name, length,
 from foldcell.cell.support.files.encoded_picture import data_uri, jpeg_file, shrunk
 from foldcell.cell.support.files.html_page import page_template
 
-__all__ = ["PAGE", "campaign_page"]
-
 PAGE = "campaign.html"
 GALLERY = 60
 """Maximum number of failures that the page shows with a picture."""

@@ -9,8 +9,6 @@ from html import escape
 
 from markupsafe import Markup
 
-__all__ = ["rate_chart", "strip_chart"]
-
 WIDTH, LABEL, ROW, AXIS, RIGHT = 760, 200, 26, 30, 20
 TICKS = 5
 LONGEST = 26

@@ -14,8 +14,6 @@ from foldcell.cell.support.files.html_page import page_template
 from foldcell.cell.support.files.whole_file import write_whole
 from foldcell.cell.support.json_values import write_json
 
-__all__ = ["PAGE", "write_fault_results"]
-
 RESULTS, PAGE = "faults.json", "faults.html"
 
 

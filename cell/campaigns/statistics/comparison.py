@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from foldcell.cell.campaigns.statistics.proportions import bootstrap_median, mcnemar_exact
 from foldcell.cell.campaigns.trials.trial import Trial
 
-__all__ = ["Comparison", "compare_trials"]
-
 Pair = tuple[Trial, Trial]
 
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import comb, sqrt
 
-__all__ = ["bootstrap_median", "mcnemar_exact", "wilson_interval"]
-
 Z_95 = 1.959963984540054
 """Quantile of the standard normal distribution that leaves 2.5 % above it."""
 RESAMPLES = 9999

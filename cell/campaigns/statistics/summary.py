@@ -11,8 +11,6 @@ from dataclasses import dataclass
 from foldcell.cell.campaigns.statistics.proportions import bootstrap_median, wilson_interval
 from foldcell.cell.campaigns.trials.trial import Trial
 
-__all__ = ["ALL", "PARTS", "Claims", "Row", "claims", "part_claims", "summarise"]
-
 ALL = "all"
 PARTS = ("shape", "flat")
 """Parts of a claim and of the scorer's verdict."""

@@ -25,8 +25,6 @@ from foldcell.cell.states.fold_request import FoldRequest
 from foldcell.cell.support.process.signals import Terminated
 from foldcell.robots.errors import DriverError, FailureKind, StorageError
 
-__all__ = ["AskLater", "Perform", "Session", "attended_trials", "judge_later"]
-
 Perform = Callable[[TrialRequest, Path, Attendance], RunRecord]
 """Performs a run in a folder, with a person."""
 AskLater = Callable[[str], Judgement | None]

@@ -35,8 +35,6 @@ from foldcell.cell.hardware.driver_names import is_simulated
 from foldcell.cell.record.words import garment_name
 from foldcell.robots.errors import ConfigurationError
 
-__all__ = ["Campaign", "Keep", "TrialRequest", "Variant", "campaign_of", "distinct_garments", "read_campaign"]
-
 Keep = Literal["failures", "all", "none"]
 MAX_SEED = 2**31 - 1
 MAX_RUNS = 100_000

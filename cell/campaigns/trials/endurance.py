@@ -24,8 +24,6 @@ from foldcell.cell.support.process.workers import worker_pool
 from foldcell.robots.errors import StorageError
 from foldcell.robots.ports import Side
 
-__all__ = ["SAMPLES", "EnduranceRun", "Growth", "endure", "growths", "random_requests"]
-
 SAMPLES = "endurance.jsonl"
 SETTLED = 10
 """After this number of runs, a process has loaded and compiled everything. Growth is measured from that run on."""

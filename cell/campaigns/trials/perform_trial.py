@@ -27,8 +27,6 @@ from foldcell.cell.support.process.memory import return_free_memory
 from foldcell.cell.support.process.signals import Terminated
 from foldcell.robots.errors import CellError, DriverError, FailureKind, StorageError
 
-__all__ = ["Fold", "discard_recordings", "perform_trial"]
-
 LOCK = "trial.lock"
 WAIT_S = 0.5
 PR_SET_PDEATHSIG = 1

@@ -9,8 +9,6 @@ from foldcell.cell.campaigns.trials.campaign import DEFAULT_VARIANT
 from foldcell.cell.campaigns.trials.trial import Trial
 from foldcell.cell.record.words import garment_name
 
-__all__ = ["CampaignProgress", "described"]
-
 
 def described(trial: Trial) -> str:
     """Return the result and the times of a run, or its error."""

@@ -34,16 +34,6 @@ from foldcell.cell.support.json_values import to_json
 from foldcell.cell.support.process.lock import OwnerLock
 from foldcell.robots.errors import ConfigurationError, StorageError
 
-__all__ = [
-    "MANIFEST",
-    "BegunCampaign",
-    "CampaignFolder",
-    "copy_library",
-    "cpu_model",
-    "is_campaign",
-    "program_versions",
-]
-
 MANIFEST = "campaign.json"
 """File with the requests of a campaign, in its folder."""
 SCHEMA = 2

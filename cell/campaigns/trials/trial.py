@@ -14,8 +14,6 @@ from foldcell.cell.record.run_record import RunRecord, ScoreRecord
 from foldcell.cell.record.words import figure_name
 from foldcell.cell.support.files.whole_file import write_whole
 
-__all__ = ["TRIAL", "Trial", "failed_figures", "read_trial", "write_trial"]
-
 TRIAL = "trial.json"
 """File with the result of a run, in the run's own folder."""
 

@@ -22,8 +22,6 @@ from foldcell.robots.errors import ConfigurationError
 from foldcell.skills.cloth.elasticity import flexural_rigidity, membrane_modulus
 from foldcell.skills.garments.garment import Garment
 
-__all__ = ["add_options", "hang_test", "modulus", "tilt_test"]
-
 
 def add_options(actions: Commands) -> None:
     shear = add_garment_action(

@@ -18,8 +18,6 @@ from foldcell.cell.operator.progress.compiling import report_compilation
 from foldcell.cell.support.files.whole_file import write_whole
 from foldcell.robots.errors import ConfigurationError
 
-__all__ = ["PAPER", "add_options"]
-
 PAPER = {
     "long_sleeve_shirt_large": (2.9, 24.3, 200, 0.7),
     "long_sleeve_shirt_small": (2.9, 24.7, 200, 0.7),

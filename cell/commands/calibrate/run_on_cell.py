@@ -30,8 +30,6 @@ from foldcell.cell.support.files.paths import logs_directory, prepare_logs
 from foldcell.cell.support.files.whole_file import refuse_foreign, write_whole
 from foldcell.robots.errors import ConfigurationError
 
-__all__ = ["DATA_SHEET", "CellCalibration", "Provenance", "add_action", "camera_provenance", "mm", "unfit_with"]
-
 Provenance = dict[str, dict[str, Any]]
 DATA_SHEET = "data sheet"
 

@@ -28,14 +28,6 @@ from foldcell.cell.support.files.paths import logs_directory, prepare_logs
 from foldcell.cell.support.files.whole_file import write_whole
 from foldcell.skills.garments.garment import Garment
 
-__all__ = [
-    "FabricTest",
-    "Tell",
-    "add_action",
-    "add_garment_action",
-    "provenance",
-]
-
 Tell = Callable[[str], None]
 
 

@@ -18,8 +18,6 @@ from foldcell.robots.ports import Array
 from foldcell.skills.garments.garment import Garment
 from foldcell.skills.garments.picture_measure import PictureMeasure
 
-__all__ = ["edited"]
-
 
 def edited(
     options: argparse.Namespace,

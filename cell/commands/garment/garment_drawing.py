@@ -9,8 +9,6 @@ from typing import Any
 from foldcell.cell.commands.shared import write_drawing
 from foldcell.skills.garments.garment import Garment
 
-__all__ = ["draw_option", "drawn", "figures", "size"]
-
 
 def draw_option(action: argparse.ArgumentParser) -> None:
     action.add_argument("--draw", type=Path, metavar="DIR", help="draw outline and folds as PNG into this folder")

@@ -18,8 +18,6 @@ from foldcell.cell.planning.plan_prediction import PlanPrediction, PredictedFold
 from foldcell.cell.support.files.paths import logs_directory
 from foldcell.skills.garments.garment import Garment
 
-__all__ = ["draw_prediction", "figures", "lines", "predict"]
-
 ARCS = {"library": "stored arc", "plain": "plain arc", "optimised": "optimised arc"}
 
 

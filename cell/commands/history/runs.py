@@ -17,8 +17,6 @@ from foldcell.cell.record.words import plain
 from foldcell.cell.support.files.paths import command_for, journal_path, logs_to_read
 from foldcell.robots.errors import ConfigurationError
 
-__all__ = ["ListedRun", "add_options", "run"]
-
 MANIFEST = "campaign.json"
 """Name of the file that marks a campaign's folder. The module of campaigns loads the whole cell, so it is imported
 only if there is a campaign."""

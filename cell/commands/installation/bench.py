@@ -16,8 +16,6 @@ from foldcell.cell.commands.shared import answer, table, teller
 from foldcell.cell.config.garments.garment_file import load_garment
 from foldcell.robots.errors import ConfigurationError
 
-__all__ = ["BENCHES", "add_options", "run"]
-
 BENCHES = ("cell", "cloth", "motion", "optimise", "perception")
 """Names of the benchmarks: packages or modules of `benchmarks` that have a function `measure`."""
 

@@ -19,8 +19,6 @@ from foldcell.robots.errors import CellError
 from foldcell.robots.registry import find_robot, list_robots
 from foldcell.robots.ros.installation import PACKAGES, find_ros
 
-__all__ = ["Check", "Verdict", "examine", "pinned_versions", "required_packages"]
-
 REPAIR = "make setup" if repository_root() else "pip install --force-reinstall foldcell"
 """The command that installs everything again."""
 LEAST_MEMORY = 3 * 2**30

@@ -11,8 +11,6 @@ from foldcell.cell.config.trajectory_library.library_file import load_library
 from foldcell.cell.support.files.paths import logs_directory
 from foldcell.skills.trajectory.trajectory_library import LibraryEntry
 
-__all__ = ["add_options", "figures"]
-
 
 def add_options(actions: Commands) -> None:
     action = add_command(actions, "show", "list the entries of the library", _run)

@@ -23,8 +23,6 @@ from foldcell.cell.hardware.placement import refuse_unfit_folds
 from foldcell.cell.record.words import garment_name
 from foldcell.cell.support.files.paths import campaign_folder, logs_directory, prepare_logs
 
-__all__ = ["run_endurance"]
-
 MEMORY_GROWTH = 0.05
 """Largest allowed growth of a process's memory, as a fraction."""
 

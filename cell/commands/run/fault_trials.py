@@ -21,8 +21,6 @@ from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.record.words import garment_name, interval
 from foldcell.cell.support.files.whole_file import write_whole
 
-__all__ = ["TABLE", "add_fault_options", "run_fault_trials"]
-
 TABLE = "fault_table.yaml"
 """Copy of the table in the folder of its campaign."""
 GARMENTS = ("small_towel", "medium_towel", "t_shirt", "long_sleeve_shirt_small", "pants")

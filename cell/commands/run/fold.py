@@ -25,8 +25,6 @@ from foldcell.cell.states.transition_table import State
 from foldcell.cell.support.files.paths import command_for, logs_directory, prepare_logs
 from foldcell.skills.perception.inspection.claim import Claim
 
-__all__ = ["add_options", "run", "tell"]
-
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     run_options(parser)
@@ -41,7 +39,8 @@ def run(options: argparse.Namespace) -> int:
     if options.garment != "auto":
         load_garment(options.garment, settings.surface)
     logs = prepare_logs(logs_directory(options.logs))
-    from foldcell.cell.runs.fold_run import FoldRequest, fold_once
+    from foldcell.cell.runs.fold_run import fold_once
+    from foldcell.cell.states.fold_request import FoldRequest
 
     record = fold_once(
         FoldRequest(

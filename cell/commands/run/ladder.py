@@ -18,8 +18,6 @@ from foldcell.cell.support.junit import JUnitCase, junit_text
 from foldcell.cell.support.process.signals import BY_SIGNAL
 from foldcell.robots.errors import ConfigurationError
 
-__all__ = ["LADDER", "SPEEDS", "run_ladder"]
-
 LADDER = "ladder"
 SUITE = "foldcell ladder"
 SPEEDS = {"commissioning": 0.3, "planning": None}

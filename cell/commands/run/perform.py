@@ -20,8 +20,6 @@ from foldcell.cell.hardware.placement import refuse_unfit_folds
 from foldcell.cell.support.files.paths import campaign_folder, command_for, logs_directory, prepare_logs, space_for
 from foldcell.robots.errors import ConfigurationError, DriverError, StorageError
 
-__all__ = ["first_seed", "new_campaign", "perform", "resumed_campaign"]
-
 
 def first_seed(options: argparse.Namespace) -> int:
     """Return the first seed of a new campaign. The option itself has no default, so that its use can be noticed

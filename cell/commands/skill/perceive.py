@@ -19,8 +19,6 @@ from foldcell.skills.perception.drawing import draw_on_camera, draw_overlay, dra
 from foldcell.skills.perception.perceive import Perception, Sought
 from foldcell.skills.vocabulary import Outcome
 
-__all__ = ["Look", "add_options", "depth_options", "look_at", "run", "write_refused"]
-
 
 @dataclass(frozen=True, eq=False)
 class Look:

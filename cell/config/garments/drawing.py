@@ -12,8 +12,6 @@ from foldcell.skills.fold_plan.plan import plan_folds
 from foldcell.skills.garments.garment import Garment
 from foldcell.skills.vocabulary import FoldStep
 
-__all__ = ["draw_garment"]
-
 SCALE = 400.0
 """Pixels per metre."""
 MARGIN = 60

@@ -12,8 +12,6 @@ from typing import Any
 from foldcell.cell.config.yaml_file import read_yaml
 from foldcell.skills.garments.garment import Fabric, Span
 
-__all__ = ["load_fabrics"]
-
 PATH = Path(str(resources.files("foldcell.skills.garments.fabrics") / "fabrics.yaml"))
 PROPERTIES = tuple(f.name for f in fields(Fabric) if f.name not in {"name", "title", "sources"})
 

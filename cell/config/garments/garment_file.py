@@ -42,17 +42,6 @@ from foldcell.skills.garments.outline_check import (
 )
 from foldcell.skills.vocabulary import CREASE_SET, REFERENCE_DROP, GraspId, Material, frozen
 
-__all__ = [
-    "AVERAGE",
-    "DEFAULT_SURFACE",
-    "FABRIC_FIELDS",
-    "garment_path",
-    "list_garments",
-    "load_garment",
-    "parse_garment",
-    "shipped_garment_path",
-]
-
 DEFAULT_SURFACE = "bare_table"
 WHAT = "garment file"
 """Name of these files in error messages."""

@@ -14,8 +14,6 @@ from foldcell.skills.garments.garment import Garment
 from foldcell.skills.garments.key_point_check import KeyPointFinding, check_key_points
 from foldcell.skills.garments.picture_measure import PictureMeasure
 
-__all__ = ["key_points_text", "read_checked_key_points", "read_key_points"]
-
 
 def read_key_points(path: Path, like: Garment) -> Document:
     """Read a file of key points, name -> [column, row], of which some may be missing.

@@ -13,8 +13,6 @@ import yaml
 from foldcell.cell.config.garments.garment_file import DEFAULT_SURFACE, parse_garment
 from foldcell.cell.config.yaml_file import parse_yaml
 
-__all__ = ["with_material"]
-
 
 def with_material(
     text: str,

@@ -14,8 +14,6 @@ from foldcell.cell.config.yaml_file import read_yaml
 from foldcell.robots.ports import Array
 from foldcell.skills.garments.garment import Garment, PoseRange
 
-__all__ = ["new_garment_text"]
-
 
 def new_garment_text(
     like: str,

@@ -14,8 +14,6 @@ from foldcell.skills.fold_plan.plan import LEAST_FLAP, plan_folds
 from foldcell.skills.garments.garment import Garment
 from foldcell.skills.vocabulary import FoldStep
 
-__all__ = ["check_lines_and_grasps"]
-
 
 def check_lines_and_grasps(document: Document, garment: Garment) -> None:
     """Check that each fold line divides the garment as the earlier folds leave it, and that the grasps lie on the

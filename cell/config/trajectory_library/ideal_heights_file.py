@@ -14,8 +14,6 @@ from foldcell.cell.config.trajectory_library.library_file import alone_with, wri
 from foldcell.skills.fold_plan.ideal_heights import IdealFoldHeights
 from foldcell.skills.garments.garment import Garment
 
-__all__ = ["ideal_heights_of", "put_ideal_heights", "shipped_heights_path", "user_heights_path"]
-
 SCHEMA = 1
 FIELDS = tuple(f.name for f in fields(IdealFoldHeights))
 

@@ -24,20 +24,6 @@ from foldcell.skills.trajectory.trajectory_library import (
 )
 from foldcell.skills.vocabulary import FoldStep, GraspTrajectory, frozen
 
-__all__ = [
-    "LoadedLibrary",
-    "add_entry",
-    "alone_with",
-    "entry_of",
-    "load_library",
-    "put_garments",
-    "shipped_library_path",
-    "user_library_path",
-    "write_library",
-    "write_text",
-]
-
-
 _HINT = "free disk space or make the library's folder writable, or choose another folder with --logs"
 
 

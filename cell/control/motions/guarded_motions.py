@@ -23,8 +23,6 @@ from foldcell.skills.motion.moves.grasp import Descent
 from foldcell.skills.motion.timing.jerk_limiter import JerkLimiter, step_towards
 from foldcell.skills.vocabulary import Outcome
 
-__all__ = ["FingertipForceMonitor", "GuardedHand", "Lowering", "guarded_descent", "push_down"]
-
 HAND_SPEED, HAND_ACCELERATION, HAND_JERK = 0.4, 0.6, 12.0
 """Limits of the set-point: speed [m/s], acceleration [m/s2], jerk [m/s3]."""
 

@@ -26,8 +26,6 @@ from foldcell.skills.motion.kinematics.ik import tool_pose
 from foldcell.skills.motion.moves.grasp import Descent
 from foldcell.skills.vocabulary import Outcome, Table
 
-__all__ = ["Control", "Hands", "Telemetry", "commanding", "control_hands", "each_hand"]
-
 S = TypeVar("S")
 V = TypeVar("V")
 

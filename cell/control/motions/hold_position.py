@@ -12,8 +12,6 @@ from foldcell.robots.errors import Failure
 from foldcell.robots.ports import JointState
 from foldcell.skills.vocabulary import Outcome
 
-__all__ = ["stand", "wait"]
-
 
 def wait(loop: ControlLoop, seconds: float, watch: Watch | None = None) -> Failure | None:
     """Hold the arms for `seconds` of cell time. Ends early with a failure of the loop or of `watch`.

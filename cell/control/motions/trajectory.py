@@ -15,8 +15,6 @@ from foldcell.cell.control.ticks import TICK_S
 from foldcell.robots.ports import ArmTrajectory, JointState
 from foldcell.skills.vocabulary import Outcome
 
-__all__ = ["follow", "stream"]
-
 OFF_PATH = 0.04
 """Arms that have come to rest without set-points are at most this far from the path [rad]. The joints brake
 independently of each other, which leads arms at full speed off the path by about 0.02 rad."""

@@ -28,8 +28,6 @@ from foldcell.cell.states.transition_table import Effect, Event
 from foldcell.robots.errors import InternalError
 from foldcell.robots.ports import CameraFrame
 
-__all__ = ["EFFECTS"]
-
 T = TypeVar("T")
 
 

@@ -24,10 +24,8 @@ from foldcell.cell.planning.fold_planning import simulated_paths
 from foldcell.cell.states.stages import Attempt, Plan
 from foldcell.robots.ports import Array
 from foldcell.skills.garments.garment import Garment
-from foldcell.skills.perception.inspection.inspect import Inspection
+from foldcell.skills.perception.inspection.result import Inspection
 from foldcell.skills.perception.rectification.table_view import TableView
-
-__all__ = ["adapt"]
 
 FACTORS = (0.5, 0.7, 1.0, 1.4)
 """Friction coefficients to simulate, as multiples of the present estimate."""

@@ -17,8 +17,6 @@ from foldcell.robots.errors import DriverError, Failure, FailureKind
 from foldcell.robots.ports import ArmTrajectory
 from foldcell.skills.motion.validation.trajectory_check import check_trajectory
 
-__all__ = ["as_failure", "move", "pausable", "unpausable", "with_waiting_time"]
-
 
 def pausable(cell: Workcell) -> PathControl:
     """Return the control of a motion that the operator may pause or abort."""

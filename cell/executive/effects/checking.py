@@ -19,8 +19,6 @@ from foldcell.skills.perception.monitoring.garment_motion import GarmentMotion, 
 from foldcell.skills.perception.views import open_views
 from foldcell.skills.vocabulary import Outcome
 
-__all__ = ["approach_watched", "check_place"]
-
 MOVED = 0.010
 """If no point of the garment has moved further than this, the garment lies where it was planned [m]. Grasps are at
 least 12 mm inside the edge, and a fold may drift three times as far."""

@@ -20,13 +20,10 @@ from foldcell.skills.perception.inspection.height_expectation import (
     rising,
     scaled_ideal_heights,
 )
-from foldcell.skills.perception.inspection.inspect import Inspection
-from foldcell.skills.perception.inspection.result import InspectionSettings
+from foldcell.skills.perception.inspection.result import Inspection, InspectionSettings
 from foldcell.skills.perception.inspection.target_view import FoldTarget, TargetView
 from foldcell.skills.perception.registration.alignment import align
 from foldcell.skills.vocabulary import PredictedShape, frozen
-
-__all__ = ["claim_failure", "fold_target", "make_claim"]
 
 DISTORTED = 0.003
 """If a disturbance leaves the outline of a fold further off than before by more than this [m], layers below have

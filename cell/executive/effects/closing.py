@@ -22,8 +22,6 @@ from foldcell.skills.grasping.tare import TactileBias
 from foldcell.skills.grasping.upper_layers import Grip, next_height
 from foldcell.skills.vocabulary import Outcome, refuse, skill
 
-__all__ = ["UpperLayers", "close_and_confirm"]
-
 REGRIPS = 4
 """Largest number of times that a hand closes again in one grasp."""
 NO_LOWER = 0.0001

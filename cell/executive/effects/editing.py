@@ -16,15 +16,6 @@ from foldcell.robots.ports import frozen
 from foldcell.skills.fold_plan.folding import silhouette
 from foldcell.skills.vocabulary import FoldStep, GarmentState
 
-__all__ = [
-    "edited_state",
-    "edited_step",
-    "edited_variant",
-    "refusal",
-    "with_plan_edit",
-    "without_edits",
-]
-
 LEAST_FLAP = 0.02
 """A grasp is at least so far from the fold line [m]: two pads have to fit between."""
 FARTHEST = 0.10

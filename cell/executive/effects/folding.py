@@ -25,8 +25,6 @@ from foldcell.skills.motion.moves.arc import plan_arc
 from foldcell.skills.motion.moves.lift import plan_lift
 from foldcell.skills.vocabulary import CameraCalibration, Outcome
 
-__all__ = ["all_of", "fold", "lift", "release_garment", "slip_watch"]
-
 
 @effect
 def lift(cell: Workcell, context: RunContext) -> Result:

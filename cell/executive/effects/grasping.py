@@ -35,8 +35,6 @@ from foldcell.skills.grasping.tare import TareState, tare
 from foldcell.skills.motion.kinematics.posture import Posture
 from foldcell.skills.vocabulary import Grasp, Outcome
 
-__all__ = ["grasp"]
-
 PUSH = 0.001
 """Depth by which the middle between the tips is lowered below the contact height [m], so that the pads close under
 the cloth."""

@@ -24,13 +24,12 @@ from foldcell.skills.perception.inspection.diagnosis import (
     diagnosed_by_height,
     outline_matches,
 )
-from foldcell.skills.perception.inspection.inspect import Inspection, InspectionSettings, inspect
+from foldcell.skills.perception.inspection.inspect import inspect
+from foldcell.skills.perception.inspection.result import Inspection, InspectionSettings
 from foldcell.skills.perception.inspection.target_view import FoldTarget
 from foldcell.skills.perception.registration.alignment import edge_deviation
 from foldcell.skills.state_estimate.hypothesis import FoldState
 from foldcell.skills.vocabulary import FoldStep, Outcome, PredictedShape
-
-__all__ = ["find_folded", "inspect_fold", "judge_fold", "judged_as_before", "next_step"]
 
 DISPLACED = 0.010
 """If pressing displaces the outline by at least this [m], the outline after pressing is judged, because something

@@ -27,8 +27,6 @@ from foldcell.robots.errors import DriverError, Failure, FailureKind
 from foldcell.skills.grasping.hand_reading import GripCommand
 from foldcell.skills.grasping.release import RELEASE_FORCE
 
-__all__ = ["approach", "clear", "clear_again", "hold_still", "make_safe", "prepare", "reenter", "retreat"]
-
 HEAD_TURN_S = 1.5
 QUICK_STOP_S = 0.1
 """Time in which hands that leave the garment come to rest, if the joints can [s]. Until they rest, they drag cloth

@@ -52,8 +52,6 @@ from foldcell.skills.vocabulary import (
     ToolPath,
 )
 
-__all__ = ["choose_trajectory", "plan_motion", "plan_steps"]
-
 INWARD = 0.012
 """Distance by which each adjustment INWARD moves the grasps towards the fold line [m]."""
 PULLING = 0.15

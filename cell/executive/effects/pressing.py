@@ -27,10 +27,8 @@ from foldcell.skills.motion.moves.arc import plan_arc
 from foldcell.skills.motion.moves.fold import FoldMotion, plan_hands_motion
 from foldcell.skills.perception.inspection.diagnosis import lasting_defect
 from foldcell.skills.perception.inspection.high_places import find_high_places
-from foldcell.skills.perception.inspection.inspect import Inspection
+from foldcell.skills.perception.inspection.result import Inspection
 from foldcell.skills.vocabulary import FoldLine, FoldStep, GraspId, Outcome, PredictedShape, ToolPath
-
-__all__ = ["plan_pressing", "press"]
 
 YIELD_S = 0.06
 """Time in which a pressing hand comes to rest after a hard push [s]. It is short, to limit the force."""

@@ -24,8 +24,6 @@ from foldcell.skills.perception.segmentation.obstruction import obstructed
 from foldcell.skills.perception.settings import VIEW_PIXEL
 from foldcell.skills.vocabulary import CameraCalibration, Outcome
 
-__all__ = ["await_garment", "capture", "look", "photograph_table", "recognise", "take_picture"]
-
 HEAD_TOLERANCE = 0.01
 """Largest accepted deviation of the head's pan from its calibrated value [rad]. A deviation of this size shifts
 the picture by 10 mm on the table."""

@@ -16,11 +16,6 @@ from foldcell.robots.errors import FailureKind
 from foldcell.robots.ports import Array, JointState
 from foldcell.robots.setpoint import JUMP_TIME
 
-__all__ = [
-    "clipping", "hold", "joint_order", "reconnect", "refusals", "stale_state", "stop_at_rest", "stop_in_motion",
-    "two_threads", "velocities",
-]  # fmt: skip
-
 STOPPED, FAULT = FailureKind.STOPPED, FailureKind.HARDWARE_FAULT
 STOP_S = 0.5
 """Time in which stopped arms come to rest [s]."""

@@ -14,8 +14,6 @@ from foldcell.cell.hardware.contract.result import Result, judged
 from foldcell.cell.hardware.contract.rig import REASON, Rig
 from foldcell.robots.errors import CellError, ConfigurationError
 
-__all__ = ["CLAUSES", "Clause", "ClauseResult", "check_driver"]
-
 
 @dataclass(frozen=True)
 class Clause:

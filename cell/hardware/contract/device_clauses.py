@@ -11,8 +11,6 @@ from foldcell.cell.hardware.contract.rig import Rig, require
 from foldcell.robots.errors import FailureKind
 from foldcell.robots.ports import Array, CameraFrame, Gripper
 
-__all__ = ["camera", "depth", "gripper", "gripper_refusals", "head"]
-
 CALIBRATION_S, STROKE_S = 12.0, 5.0
 """Longest time of a calibration, and of a stroke of the pads [s]."""
 FORCE, THERE = 10.0, 0.003

@@ -20,8 +20,6 @@ from foldcell.robots.ports import BoardPlace, Ports
 from foldcell.robots.registry import find_robot
 from foldcell.skills.motion.validation.collision import CollisionChecker
 
-__all__ = ["Factory", "opened_rig", "rig_of"]
-
 Factory = Callable[[JointLimits], AbstractContextManager[Ports]]
 """Opens a driver. Its set-points are clipped to the limits."""
 

@@ -9,8 +9,6 @@ import numpy as np
 from foldcell.cell.hardware.contract.rig import Rig, require
 from foldcell.robots.ports import Side
 
-__all__ = ["shapes", "stamps", "units"]
-
 ROOM, AT_REST = 0.1, 0.1
 """Joints at rest may be this far outside their ranges [rad], and this fast [rad/s]."""
 LARGEST_OPENING, SLACK = 0.3, 0.003

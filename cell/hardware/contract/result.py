@@ -10,8 +10,6 @@ from foldcell.cell.hardware.contract.rig import BrokenError, UnprovenError
 from foldcell.cell.support.junit import JUnitCase
 from foldcell.robots.errors import CellError, StorageError
 
-__all__ = ["Result", "judged"]
-
 Figures = Mapping[str, float]
 WORDS = {"passed": "PASS", "failed": "FAIL", "not_run": "not run"}
 UNITS = {"s": "s", "m": "m", "n": "N", "nm": "Nm", "deg": "degrees", "hz": "Hz"}

@@ -23,8 +23,6 @@ from foldcell.skills.motion.validation.collision import CollisionChecker
 from foldcell.skills.motion.validation.trajectory_check import check_trajectory
 from foldcell.skills.vocabulary import CameraCalibration, Table
 
-__all__ = ["REASON", "BrokenError", "Rig", "UnprovenError", "require"]
-
 REASON = "the check of the driver tests the stop"
 """Reason of the stops that a check triggers. It resets no other stop."""
 LIMITS = ExecutionLimits(start=float(np.deg2rad(1.0)), tracking=0.12, stale_s=0.1)

@@ -44,8 +44,6 @@ from foldcell.robots.ports import (
 )
 from foldcell.skills.vocabulary import CameraCalibration
 
-__all__ = ["LiveView"]
-
 PERIOD_S = 0.3
 """Shortest time between two display pictures [s]."""
 Work = Callable[[], None]

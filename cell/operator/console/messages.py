@@ -24,16 +24,6 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-__all__ = [
-    "CommandMessage",
-    "ControlMessage",
-    "EditMessage",
-    "JudgeMessage",
-    "PlanChange",
-    "StopMessage",
-    "read_message",
-]
-
 STOP = "stop"
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 

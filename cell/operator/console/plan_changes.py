@@ -12,8 +12,6 @@ from foldcell.cell.states.run_context import RunContext
 from foldcell.robots.ports import Array
 from foldcell.skills.vocabulary import CameraCalibration, GraspId
 
-__all__ = ["offered_changes", "on_picture", "on_table", "plan_edit"]
-
 KEYPOINT, GRASP = "keypoint", "grasp"
 
 

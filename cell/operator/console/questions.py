@@ -12,8 +12,6 @@ from foldcell.cell.states.stages import Attempt, Plan, Repair, Spread
 from foldcell.cell.states.transition_table import Event, State
 from foldcell.skills.motion.validation.collision import BODY_MARGIN, TABLE_MARGIN
 
-__all__ = ["RECOGNISED", "consequences", "plan_facts", "question"]
-
 RECOGNISED = "Recognised"
 """Label of the fact that is also shown after the end of the run."""
 

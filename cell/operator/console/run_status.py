@@ -26,8 +26,6 @@ from foldcell.cell.states.run_context import Result, RunContext
 from foldcell.cell.states.transition_table import TERMINAL, Event, State
 from foldcell.cell.support.files.paths import command_for
 
-__all__ = ["ORDER", "RunStatus"]
-
 ORDER = (Event.APPROVE, Event.RETRY, Event.SKIP, Event.PAUSE, Event.RESUME, Event.ABORT)
 ASKING = (State.AWAITING_APPROVAL, State.AWAITING_PRESSING, State.ASKING)
 REMARKS_SHOWN = 60

@@ -44,8 +44,6 @@ from foldcell.cell.support.files.html_page import read_page
 from foldcell.robots.errors import DriverError
 from foldcell.robots.ports import Stop
 
-__all__ = ["operators_page"]
-
 PAGE = Path(__file__).with_name("page.html")
 VIEWER = "viewer/"
 """Path of the 3-D view, relative to the page."""

@@ -19,8 +19,6 @@ from foldcell.cell.operator.local_server import content_policy
 from foldcell.cell.view.viewer import web_viewer_files
 from foldcell.robots.errors import StorageError
 
-__all__ = ["recorded_view", "viewer_routes"]
-
 PAGE = Path(__file__).with_name("viewer.html")
 HEADERS = content_policy(
     "script-src 'self' 'unsafe-inline' 'wasm-unsafe-eval'; connect-src 'self'; img-src 'self' data: blob:;"

@@ -21,8 +21,6 @@ from foldcell.skills.perception.outline import counter_clockwise, polygon_area
 from foldcell.skills.perception.registration.energy import Boundary
 from foldcell.skills.perception.registration.register import best_starts
 
-__all__ = ["KeyPointEdit", "template_over"]
-
 
 @dataclass(frozen=True, eq=False)
 class KeyPointEdit:

@@ -29,8 +29,6 @@ from foldcell.cell.support.json_values import to_json
 from foldcell.robots.errors import ConfigurationError, StorageError
 from foldcell.robots.ports import Array
 
-__all__ = ["edit_key_points"]
-
 PAGE = Path(__file__).with_name("page.html")
 MAY_LOAD = "script-src 'unsafe-inline'; img-src 'self' data:; connect-src 'self'; form-action 'none'"
 QUALITY = 96

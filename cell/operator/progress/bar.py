@@ -7,8 +7,6 @@ import time
 from collections.abc import Callable
 from typing import TextIO
 
-__all__ = ["ProgressBar"]
-
 WIDTH = 24
 EVERY_S = 15.0
 """Shortest time between two plain lines [s]."""

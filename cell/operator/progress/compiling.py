@@ -12,8 +12,6 @@ from numba.core.event import Event, Listener, install_listener
 
 from foldcell.skills.compiled import WAITING
 
-__all__ = ["report_compilation"]
-
 PARTS = {
     "foldcell.skills.cloth": "compiling the cloth simulation: once after an installation, about a minute",
     "foldcell.skills.motion": "compiling the arms' kinematics: once after an installation, some seconds",

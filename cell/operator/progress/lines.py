@@ -19,8 +19,6 @@ from foldcell.cell.states.transition_table import Event, State
 if TYPE_CHECKING:
     from foldcell.cell.operator.console.run_status import RunStatus
 
-__all__ = ["Notifier", "ProgressLines", "say"]
-
 _HINTS = {
     State.AWAITING_APPROVAL: "approve the fold (a), look again (r), skip it (s) or end the run (q)",
     State.AWAITING_PRESSING: "approve pressing it flat (a), look again (r), skip it (s) or end the run (q)",

@@ -9,8 +9,6 @@ from foldcell.cell.states.transition_table import Event
 from foldcell.robots.errors import DriverError, FailureKind
 from foldcell.robots.ports import Attendant, BoardPlace, Clock, Stop
 
-__all__ = ["PersonAttendant"]
-
 POLL_S = 0.1
 LAY = "lay the garment flat on the table and step back"
 BOARD = {

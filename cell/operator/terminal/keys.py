@@ -17,8 +17,6 @@ from foldcell.cell.states.commands import OPERATOR_EVENTS, CommandQueue
 from foldcell.cell.states.transition_table import Event
 from foldcell.robots.errors import ConfigurationError
 
-__all__ = ["KEYS", "TerminalOperator", "TypedLines", "check_terminal", "in_foreground"]
-
 KEYS: Mapping[str, Event] = {
     "a": Event.APPROVE,
     "r": Event.RETRY,

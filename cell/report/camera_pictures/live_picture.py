@@ -9,8 +9,6 @@ from foldcell.robots.ports import Array, CameraFrame
 from foldcell.skills.fold_figures.drawn_mesh import outline
 from foldcell.skills.vocabulary import CameraCalibration
 
-__all__ = ["draw_live"]
-
 SCALE = 1.25
 """The camera's picture is enlarged by this factor. A larger one is sharper, but the browser then decodes more
 pixels, several times a second."""

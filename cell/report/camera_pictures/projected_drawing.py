@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from foldcell.robots.ports import Array, CameraFrame
 from foldcell.skills.vocabulary import CameraCalibration
 
-__all__ = ["Colour", "Picture", "ProjectedDrawing", "dashed"]
-
 Picture = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 

@@ -22,18 +22,6 @@ from foldcell.skills.fold_figures.drawn_mesh import outline
 from foldcell.skills.fold_plan.folding import fold_xy
 from foldcell.skills.vocabulary import CameraCalibration, PredictedShape
 
-__all__ = [
-    "ARCS",
-    "EXPECTED",
-    "FOLDER",
-    "QUESTIONS",
-    "QuestionFiles",
-    "draw_failure",
-    "draw_plan",
-    "draw_pressing",
-    "present_outline",
-]
-
 FOLDER = "questions"
 OUTLINE: Colour = (60, 230, 110)
 EXPECTED: Colour = (255, 205, 60)

@@ -17,8 +17,6 @@ from foldcell.robots.ports import Array
 from foldcell.skills.fold_figures.drawn_mesh import vertex_normals
 from foldcell.skills.vocabulary import Table
 
-__all__ = ["RobotMesh", "Surroundings", "robot_mesh"]
-
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:

@@ -12,8 +12,6 @@ from foldcell.cell.report.pictures.mesh_raster import Canvas, Lens, Mesh, draw_m
 from foldcell.robots.ports import Array
 from foldcell.skills.fold_figures.drawn_mesh import vertex_normals
 
-__all__ = ["darken", "draw_cloth", "raster_cloth", "raster_shadow"]
-
 Picture = NDArray[np.uint8]
 SIDES = np.array([[[255, 0, 0], [255, 255, 0]]], np.uint8)
 """Texture of the back and of the front: the first channel becomes the brightness, the second tells the sides

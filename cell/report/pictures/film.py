@@ -18,20 +18,6 @@ from foldcell.cell.report.pictures.fold_pictures import KeyFrame, Scenery, View,
 from foldcell.cell.states.stages import FoldNote
 from foldcell.robots.ports import Array, Side
 
-__all__ = [
-    "CaptionedPicture",
-    "DrawnHold",
-    "FilmFrame",
-    "TrueFrame",
-    "captioned",
-    "draw_hold",
-    "encode_film",
-    "film_file",
-    "held_during",
-    "holds",
-    "spread",
-]
-
 CAPTION = 26
 """Height of the strip for the caption below a picture [px]."""
 QUALITY = 60

@@ -26,12 +26,6 @@ from foldcell.cell.report.pictures.mesh_raster import Lens
 from foldcell.robots.ports import Array, Side
 from foldcell.skills.vocabulary import Table
 
-__all__ = [
-    "AMBIENT", "CLOTH", "LIGHT", "TAPE", "ClothColours", "Colour", "KeyFrame", "Scenery", "View", "draw_frame",
-    "fold_strip", "join", "motion_view",
-]  # fmt: skip
-
-
 FRONT, BACK = (196, 84, 92), (231, 178, 170)
 TABLE_COLOUR, FLOOR_COLOUR = (203, 184, 158), (238, 239, 241)
 PATH, PATH_END, RIM = (36, 104, 214), (20, 66, 150), (250, 250, 250)

@@ -7,13 +7,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from foldcell.cell.report.camera_pictures.projected_drawing import Picture, ProjectedDrawing
-from foldcell.cell.report.pictures.fold_pictures import AMBIENT, CLOTH, LIGHT, TAPE, ClothColours, Colour
+from foldcell.cell.report.camera_pictures.projected_drawing import Colour, Picture, ProjectedDrawing
+from foldcell.cell.report.pictures.fold_pictures import AMBIENT, CLOTH, LIGHT, TAPE, ClothColours
 from foldcell.cell.states.run_context import RunContext
 from foldcell.robots.ports import Array, CameraFrame
 from foldcell.skills.vocabulary import CameraCalibration
-
-__all__ = ["garment_look", "outlined", "seen_colours"]
 
 EDGE = 9
 """Pixels nearer to the garment's edge than half of this are not sampled: the edge mixes two colours [px]."""

@@ -8,10 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from foldcell.skills.perception.inspection.inspect import Inspection
+from foldcell.skills.perception.inspection.result import Inspection
 from foldcell.skills.perception.rectification.heights import smooth_height
-
-__all__ = ["TICK", "height_maps"]
 
 Picture = NDArray[np.uint8]
 

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from foldcell.robots.ports import Array
 from foldcell.skills.compiled import cached
 
-__all__ = ["Canvas", "Lens", "Mesh", "draw_mesh"]
-
 EDGE = 1e-5
 """A pixel belongs to a triangle if no weight of a corner is below minus this: no gap is left between triangles."""
 

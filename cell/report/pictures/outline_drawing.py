@@ -9,8 +9,6 @@ from markupsafe import Markup
 
 from foldcell.robots.ports import Array
 
-__all__ = ["outline_drawing"]
-
 RULER = 14
 """Height of the scale bar under a drawing [px]."""
 

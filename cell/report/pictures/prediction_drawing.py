@@ -14,8 +14,6 @@ from foldcell.robots.ports import Array
 from foldcell.skills.fold_figures.drawn_mesh import outline
 from foldcell.skills.vocabulary import Table
 
-__all__ = ["draw_predictions"]
-
 Picture = NDArray[np.uint8]
 
 SIZE = 460, 360

@@ -26,8 +26,6 @@ from foldcell.cell.states.stages import FoldNote
 from foldcell.robots.ports import Array, CameraFrame
 from foldcell.skills.vocabulary import CameraCalibration, GraspTrajectory, Table
 
-__all__ = ["RunDrawing", "draw_attempts", "film_note", "film_of_run", "run_drawing"]
-
 
 @dataclass(frozen=True, eq=False)
 class RunDrawing:

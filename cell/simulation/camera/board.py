@@ -13,8 +13,6 @@ from foldcell.cell.simulation.noise import BoardNoise, BuildNoise
 from foldcell.robots.ports import Array, BoardPlace, Intrinsics, Side
 from foldcell.skills.vocabulary import Table
 
-__all__ = ["WorldBoard", "built_lens", "built_table"]
-
 PIXELS_A_METRE = 4000
 IN_HAND = {BoardPlace.LEFT_HAND: Side.LEFT, BoardPlace.RIGHT_HAND: Side.RIGHT}
 

@@ -22,8 +22,6 @@ from foldcell.robots.errors import DriverError, FailureKind
 from foldcell.robots.ports import CameraFrame, Intrinsics, frozen
 from foldcell.skills.vocabulary import Array
 
-__all__ = ["Renderer", "SimulatedCamera"]
-
 PICTURE_TIMEOUT_S = 120.0
 """The render process is restarted if it gives no answer for this wall time [s]. A dead process is noticed at once,
 but on a busy machine a picture can take half a minute."""

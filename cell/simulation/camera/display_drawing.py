@@ -15,8 +15,6 @@ from foldcell.cell.simulation.camera.render_server import FLOOR_RGB, NEAR, Pictu
 from foldcell.skills.fold_figures.drawn_mesh import vertex_normals
 from foldcell.skills.vocabulary import Array
 
-__all__ = ["DisplayDrawing"]
-
 SAME_POSE = 1e-4
 """Table and floor are drawn again if an element of the camera's pose (4, 4) has changed by more than this."""
 

@@ -23,8 +23,6 @@ from numpy.typing import NDArray
 from foldcell.robots.bullet import pb
 from foldcell.skills.vocabulary import Array, Table
 
-__all__ = ["Picture", "Scene", "Shot", "main"]
-
 FAR, NEAR = 4.0, 0.25  # clipping planes [m]
 HIDDEN = -5.0  # height of the hidden board, below the floor [m]
 FLOOR_RGB = (112, 114, 118)

@@ -11,8 +11,6 @@ import numpy as np
 from foldcell.cell.simulation.camera.render_server import Picture
 from foldcell.skills.vocabulary import Array
 
-__all__ = ["Slab", "hand_over", "square_cloth", "with_slabs"]
-
 SKIN_RGB = (201, 152, 124)
 FOREARM = 0.085
 """Width of a forearm [m]."""

@@ -28,8 +28,6 @@ from foldcell.robots.model import JointLimits
 from foldcell.robots.ports import BoardPlace, CameraFrame
 from foldcell.robots.ros.driver import Network, RosDriver, RosSettings
 
-__all__ = ["emulated_cell"]
-
 START_S = 60.0
 ANSWER_S = 120.0
 """Longest wall time to wait for one answer [s]. Laying a garment takes longest, because the cloth must come to

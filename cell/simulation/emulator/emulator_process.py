@@ -22,9 +22,6 @@ from foldcell.robots.errors import CellError
 from foldcell.robots.registry import find_robot
 from foldcell.robots.ros.driver import EmulatedRobot
 
-__all__ = ["main"]
-
-
 SWITCH_S = 5e-4
 """Time after which Python switches to another thread [s]. Each topic has a thread. With the default of 5 ms, two
 of these threads would take a whole tick."""

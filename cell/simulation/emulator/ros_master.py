@@ -11,8 +11,6 @@ import sys
 
 from foldcell.robots.ros.installation import import_ros
 
-__all__ = ["main"]
-
 
 def main() -> None:
     import_ros("rosmaster.master").Master(int(sys.argv[1])).start()

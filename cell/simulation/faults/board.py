@@ -6,8 +6,6 @@ from foldcell.cell.simulation.faults.fault import Fault
 from foldcell.cell.simulation.faults.kinds import FaultKind
 from foldcell.robots.ports import Side
 
-__all__ = ["FaultBoard"]
-
 
 class FaultBoard:
     """The faults of one world: waiting faults, active faults, and past faults (for the ground truth).

@@ -15,8 +15,6 @@ from foldcell.cell.simulation.faults.board import FaultBoard
 from foldcell.cell.simulation.faults.kinds import FaultKind
 from foldcell.robots.ports import CameraFrame, frozen
 
-__all__ = ["CameraFaults", "holes"]
-
 PATCH = 0.08
 """Largest radius of a patch without depth, as a share of the picture's width."""
 

@@ -16,8 +16,6 @@ from foldcell.cell.simulation.faults.kinds import TRAITS, FaultKind, FaultTraits
 from foldcell.robots.errors import ConfigurationError
 from foldcell.robots.ports import Side
 
-__all__ = ["Fault"]
-
 
 @dataclass(frozen=True)
 class Fault:

@@ -7,8 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
-__all__ = ["TRAITS", "FaultKind", "FaultTraits", "Place"]
-
 
 class FaultKind(StrEnum):
     # joint states

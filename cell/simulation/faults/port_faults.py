@@ -26,8 +26,6 @@ from foldcell.robots.ports import (
     frozen,
 )
 
-__all__ = ["PortFaults"]
-
 TICK_S = 0.01
 """While joint states arrive out of order, the port answers in turn with the present state and with an old one. It
 changes between them after this time [s]."""

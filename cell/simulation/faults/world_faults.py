@@ -16,8 +16,6 @@ from foldcell.cell.simulation.robot.gripper import SimulatedGripper
 from foldcell.robots.ports import Array, Side
 from foldcell.skills.vocabulary import Table
 
-__all__ = ["HANDS", "WorldFaults"]
-
 K = FaultKind
 HANDS = {Side.LEFT: 0, Side.RIGHT: 1}
 """Number of each hand in the cloth."""

@@ -15,8 +15,6 @@ from foldcell.skills.cloth.settings import CREASE_TIME, SolverSettings
 from foldcell.skills.cloth.solver import ClothSimulation
 from foldcell.skills.vocabulary import Array, Material
 
-__all__ = ["FRAME_RATE", "BodyTraits", "ClothBody", "build_body", "check_body", "solver_settings"]
-
 FRAME_RATE = 60
 """Rate of the cloth frames [Hz]."""
 

@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 
 from foldcell.skills.vocabulary import Array
 
-__all__ = ["TABLE_HSV", "contrasting_colour", "fabric_texture", "garment_uv", "table_texture"]
-
 Texture = NDArray[np.uint8]
 
 SIZE = 512

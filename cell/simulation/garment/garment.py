@@ -18,8 +18,6 @@ from foldcell.skills.fold_plan.crease_mesh import creases_of, mesh_near_creases
 from foldcell.skills.garments.garment import Garment, Span
 from foldcell.skills.vocabulary import Array, Material
 
-__all__ = ["WorldGarment"]
-
 COARSEST = 0.0265
 """Largest edge length of the mesh, away from creases [m]."""
 GRID_TURNS = (4.0, 34.0)

@@ -25,8 +25,6 @@ from foldcell.skills.cloth.mesh import ClothMesh
 from foldcell.skills.cloth.pinch import PadGeometry, PinchReport, find_pinched
 from foldcell.skills.vocabulary import Array, Material
 
-__all__ = ["MujocoCloth", "MujocoSettings"]
-
 POISSON = 1.0 / 3.0
 HANDS, CAPSULES = 2, 6
 LONGEST = 0.06  # largest half length of a capsule's axis [m]

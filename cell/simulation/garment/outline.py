@@ -16,8 +16,6 @@ from foldcell.cell.simulation.noise import GarmentNoise
 from foldcell.skills.garments.garment import Garment
 from foldcell.skills.vocabulary import Array
 
-__all__ = ["Outline", "draw_outline"]
-
 PATH = Path(__file__).with_name("outlines.yaml")
 ARC_POINTS = 4
 EDGE_POINTS = 5

@@ -10,8 +10,6 @@ from foldcell.cell.simulation.noise import GarmentNoise
 from foldcell.skills.cloth.crease_set import largest_crease_set
 from foldcell.skills.vocabulary import Array
 
-__all__ = ["draw_crease", "tip_pressure"]
-
 REACH = 0.02
 """Cloth bears a fingertip's force if it is at most this far above the tip [m] or lower."""
 

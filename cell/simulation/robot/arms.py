@@ -22,8 +22,6 @@ from foldcell.robots.ports import Array, JointSetpoint, JointState, Side, StopSt
 from foldcell.robots.robot import SimulatedBody, Simulation
 from foldcell.robots.setpoint import clip_setpoint
 
-__all__ = ["SimulatedRobot"]
-
 EXTRAPOLATION = 0.02
 """Longest time for which a set-point is extrapolated [s]."""
 MOVING = 0.05

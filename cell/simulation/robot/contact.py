@@ -9,8 +9,6 @@ import numpy as np
 from foldcell.robots.gripper_geometry import GripperGeometry
 from foldcell.robots.ports import Array
 
-__all__ = ["Stiffness", "Touch", "finger_axes", "fingertips", "hand_axis", "touch"]
-
 
 @dataclass(frozen=True)
 class Stiffness:

@@ -10,8 +10,6 @@ from foldcell.cell.simulation.noise import GripperNoise
 from foldcell.robots.errors import DriverError, FailureKind
 from foldcell.robots.ports import GripperState, Side
 
-__all__ = ["SimulatedGripper"]
-
 _SNAPSHOT = ("opening", "pressing", "_goal", "_force", "_between", "_stroke", "_calibrated", "_t", "_step")
 MOVING = 5e-4
 """The gripper reports that it moves while its opening differs from its goal by more than this [m]."""

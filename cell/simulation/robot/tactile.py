@@ -9,8 +9,6 @@ import numpy as np
 from foldcell.cell.simulation.noise import TactileNoise
 from foldcell.robots.ports import Array, Side, TactileReading, frozen
 
-__all__ = ["SimulatedTactile"]
-
 DRIFT_PERIOD = 120.0  # [s]
 SPREAD = 0.006  # width of the pressure peak along the pad [m]
 HELD_DEPTH = 0.006  # height of the pressure peak above the tips: the pads hold the cloth there [m]

@@ -19,8 +19,6 @@ from foldcell.skills.garments.garment import Garment
 from foldcell.skills.scoring.score import score_plan
 from foldcell.skills.scoring.verdict import Score
 
-__all__ = ["DwellTimes", "GroundTruthRecorder"]
-
 MAX_KEY_FRAMES = 2000
 LIFTED = 0.05
 """A garment that a hand holds above this height is being folded [m]."""

@@ -30,8 +30,6 @@ from foldcell.skills.scoring.score import named_edge_pairs, score
 from foldcell.skills.scoring.verdict import IdealHeights
 from foldcell.skills.vocabulary import Array, FoldLine
 
-__all__ = ["BackgroundIdeal", "flaw_of", "ideal_heights", "ideal_of"]
-
 SLOWER = (1.0, 2.0, 4.0)
 """Durations of the turns in successive attempts, relative to the first attempt."""
 LEAST_IOU = 0.90

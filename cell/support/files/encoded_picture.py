@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from foldcell.cell.support.files.whole_file import PNG_MARK, marked_png, refuse_foreign, write_whole
 
-__all__ = ["data_uri", "jpeg_file", "shrunk", "write_png"]
-
 Picture = NDArray[np.uint8]
 JPEG_QUALITY = 88
 

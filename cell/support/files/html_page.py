@@ -13,8 +13,6 @@ from typing import Any
 
 import jinja2
 
-__all__ = ["PLACE", "page_template", "read_page"]
-
 PLACE = "/* palette */\n"
 PALETTE = Path(__file__).with_name("palette.css")
 

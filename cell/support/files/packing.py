@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["packed"]
-
 
 def packed(**arrays: NDArray[Any]) -> bytes:
     """Return the arrays as an .npz file, like numpy's savez_compressed, but two to three times faster and up to a

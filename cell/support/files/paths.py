@@ -12,22 +12,6 @@ from pathlib import Path
 
 from foldcell.robots.errors import ConfigurationError, StorageError
 
-__all__ = [
-    "JOURNAL_FILE",
-    "campaign_folder",
-    "checked_name",
-    "command_for",
-    "free_bytes",
-    "journal_path",
-    "logs_directory",
-    "logs_to_read",
-    "new_folder",
-    "prepare_logs",
-    "repository_root",
-    "space_for",
-    "user_cache",
-]
-
 JOURNAL_FILE = "journal.db"
 MAX_SAME_NAME = 10_000
 """Limit of the number that is appended to a folder's name to make it unique."""

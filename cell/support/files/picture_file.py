@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from foldcell.cell.support.process.library_messages import captured_messages
 from foldcell.robots.errors import ConfigurationError
 
-__all__ = ["known_depth", "read_depth", "read_picture"]
-
 MILLIMETRES = 1e-3
 LARGEST_FILE = 2**29
 """The rest of a larger file is not read [bytes]."""

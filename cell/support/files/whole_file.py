@@ -12,8 +12,6 @@ from pathlib import Path
 
 from foldcell.robots.errors import ConfigurationError, StorageError
 
-__all__ = ["PNG_MARK", "marked_png", "refuse_foreign", "refuse_unwritable", "write_whole"]
-
 HINT = "free some disk space, make its folder writable, or choose another one"
 PROBE_BYTES = 2**16
 """Space that a file needs at least, for `refuse_unwritable`."""

@@ -14,8 +14,6 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from threading import RLock
 
-__all__ = ["captured_messages", "quiet_libraries"]
-
 QUIET: Mapping[str, str] = {"OPENCV_LOG_LEVEL": "SILENT", "RUST_LOG": "off"}
 """Environment variables that switch off the logs of OpenCV and Rerun. They are read when these libraries are
 loaded."""

@@ -18,8 +18,6 @@ from typing import Self
 
 from foldcell.robots.errors import ConfigurationError, StorageError
 
-__all__ = ["CellBusyError", "OwnerLock", "is_held"]
-
 _PATIENCE_S = 0.2
 """`acquire` retries for this time [s], because `is_held` also takes the lock for a moment."""
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 import ctypes
 import gc
 
-__all__ = ["return_free_memory"]
-
 
 def return_free_memory() -> None:
     """Collect garbage and let the C library give back the memory that it keeps for later use.

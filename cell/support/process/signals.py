@@ -16,8 +16,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from foldcell.robots.ports import Ports
 
-__all__ = ["BY_SIGNAL", "Interrupts", "Terminated", "taking_signals", "unwinding"]
-
 BY_SIGNAL = 128
 """The exit code after a signal is this plus the signal's number: SIGHUP 129, SIGINT 130, SIGTERM 143."""
 AGAIN_S = 0.02

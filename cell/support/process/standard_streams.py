@@ -13,9 +13,6 @@ from contextlib import contextmanager, suppress
 from io import TextIOWrapper, UnsupportedOperation
 from typing import Any, TextIO, TypeVar, cast
 
-__all__ = ["LastingStream", "lasting_streams"]
-
-
 T = TypeVar("T")
 
 

@@ -21,8 +21,6 @@ from multiprocessing.connection import wait
 from threading import Lock, Thread
 from typing import Any, TypeVar
 
-__all__ = ["worker_pool"]
-
 AGAIN_S = 1.0
 T = TypeVar("T")
 

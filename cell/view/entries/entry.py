@@ -10,8 +10,6 @@ import rerun as rr
 
 from foldcell.robots.ports import Array
 
-__all__ = ["TIMELINE", "Columns", "Entry", "Log", "Robot"]
-
 TIMELINE = "cell_time"
 
 

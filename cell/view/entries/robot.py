@@ -11,8 +11,6 @@ from foldcell.cell.view.entries.entry import Columns, Entry, Log, Robot
 from foldcell.robots.ports import Array, Side
 from foldcell.robots.robot import RobotVisual
 
-__all__ = ["RobotFigure"]
-
 FRAMES = "robot/"
 """Prefix of the robot's frame names, so that a link named 'base' does not clash with another frame."""
 

@@ -23,32 +23,6 @@ from foldcell.skills.fold_figures.drawn_mesh import vertex_normals
 from foldcell.skills.perception.rectification.table_view import TableView
 from foldcell.skills.vocabulary import CameraCalibration, FoldStep, GarmentState, GraspId, PredictedShape, Table
 
-__all__ = [
-    "CAMERA",
-    "EYE",
-    "LOOK_AT",
-    "TABLE",
-    "TRUTH",
-    "adapted_entries",
-    "arc_entries",
-    "camera_entries",
-    "candidate_entries",
-    "cell_entries",
-    "facing_normals",
-    "joint_names_entries",
-    "jpeg",
-    "log_entries",
-    "mask_entries",
-    "mesh",
-    "moved_mesh",
-    "observed_entries",
-    "perception_entries",
-    "plan_entries",
-    "predicted_entries",
-    "state_entries",
-    "truth_entries",
-]  # fmt: skip
-
 TABLE = "world/table"
 CAMERA = f"{TABLE}/camera"
 TRUTH = rr.escape_entity_path_part("truth (simulation)")

@@ -15,8 +15,6 @@ from foldcell.cell.view.entries.entry import Columns, Entry
 from foldcell.cell.view.entries.robot import RobotFigure
 from foldcell.robots.ports import Array, GripperState, JointState, Side, TactileReading, arm_slice
 
-__all__ = ["Sample", "Series"]
-
 BATCH = 0.5
 """The waiting rows are written when they span this much cell time [s]."""
 POSE_RATE = 25.0

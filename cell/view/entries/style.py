@@ -4,11 +4,6 @@ from __future__ import annotations
 
 from foldcell.cell.states.transition_table import State
 
-__all__ = [
-    "ARC_DONE", "ARC_PLANNED", "CANDIDATE", "FOLD_LINE", "GARMENT", "GRASP", "KEYPOINT", "MASK", "OBSERVED",
-    "PERCEIVED", "PREDICTED", "SIDE_COLOURS", "STATE_COLOURS", "TABLE", "TARGET", "darker", "label",
-]  # fmt: skip
-
 ARC_PLANNED = (48, 209, 88)
 """Green, as in published figures of folding arcs."""
 ARC_DONE = (10, 110, 60)

@@ -31,8 +31,6 @@ from foldcell.robots.ports import Gripper, Ports, Side, arm_slice
 from foldcell.robots.ros.driver import CameraTopics, Network
 from foldcell.robots.ros.node import Node
 
-__all__ = ["Emulator"]
-
 USE_SIM_TIME = "/use_sim_time"
 VERSION = "/rethink/software_version"
 EMULATED = "1.2.0"

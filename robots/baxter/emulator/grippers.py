@@ -23,8 +23,6 @@ from foldcell.robots.baxter.ros.electric_gripper import (
 from foldcell.robots.errors import DriverError
 from foldcell.robots.ports import Gripper
 
-__all__ = ["ElectricGripper", "GripperReport"]
-
 NO_OP = "no_op"
 GRIPPING = 3.0
 """If the pads rest and press with more than this force, the gripper reports a grip [%]."""

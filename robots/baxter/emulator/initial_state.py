@@ -7,8 +7,6 @@ from dataclasses import dataclass, field
 
 from foldcell.robots.baxter.ros.electric_gripper import PARAMETERS
 
-__all__ = ["NEW", "USED", "InitialState"]
-
 
 @dataclass(frozen=True)
 class InitialState:

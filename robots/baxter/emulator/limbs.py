@@ -14,8 +14,6 @@ from foldcell.robots.baxter.names import ARM_JOINTS, FULL_SPEED
 from foldcell.robots.baxter.ros.messages import POSITION, RAW_POSITION
 from foldcell.robots.ports import Array, Side
 
-__all__ = ["TICK", "Limb"]
-
 TICK = 0.01
 """Period of the emulated robot [s]."""
 MAX_INTERVAL = 0.05

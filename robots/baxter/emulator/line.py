@@ -12,8 +12,6 @@ from typing import Any
 
 from foldcell.robots.ros.driver import Network
 
-__all__ = ["Line", "by_robots_clock"]
-
 ROUNDING = 1e-6
 
 

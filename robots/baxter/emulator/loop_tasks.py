@@ -8,8 +8,6 @@ from concurrent.futures import Future
 from threading import Lock
 from typing import Any, TypeVar
 
-__all__ = ["SETTLE", "LoopTasks"]
-
 SETTLE = 5
 """Number of ticks between a task and the resolution of its future. By then every topic shows the task's effect."""
 

@@ -13,8 +13,6 @@ from foldcell.robots.baxter.ros.electric_gripper import HARDWARE_ID
 from foldcell.robots.baxter.ros.messages import Messages
 from foldcell.robots.ports import CameraFrame, JointState, TactileReading
 
-__all__ = ["assembly_state", "gripper_state", "header", "joint_state", "picture", "ros_time", "tactile_state"]
-
 NOD, PAN, TORSO = "head_nod", "head_pan", "torso_t0"
 PUBLISHED = (NOD, PAN, *sorted(JOINT_NAMES), TORSO)
 """Joint names in Baxter's order, which is alphabetical."""

@@ -9,8 +9,6 @@ from threading import Lock
 from foldcell.robots.errors import DriverError
 from foldcell.robots.ports import Arms, Array, Stop
 
-__all__ = ["Button", "MotorState", "Motors"]
-
 
 class Button(Enum):
     """The emergency button. RELEASED: it was pressed and released, and the robot has not been reset since then."""

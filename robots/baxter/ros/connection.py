@@ -22,8 +22,6 @@ from foldcell.robots.ports import Attendant, Ports, Side, Stop
 from foldcell.robots.ros.driver import RosSettings
 from foldcell.robots.ros.node import Node, master_address, open_node
 
-__all__ = ["connected", "connected_stop"]
-
 ANSWER_S = 5.0
 """Wall time within which every topic has to deliver a message [s]."""
 

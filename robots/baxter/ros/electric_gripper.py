@@ -2,19 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = [
-    "CALIBRATE",
-    "CLEAR_CALIBRATION",
-    "CONFIGURE",
-    "FULL_FORCE",
-    "FULL_OPENING",
-    "GO",
-    "HARDWARE_ID",
-    "PARAMETERS",
-    "RESET",
-    "STOP",
-]
-
 HARDWARE_ID = 65538
 FULL_OPENING = 0.0416
 """Opening at position 100 % [m]: twice a finger's stroke in the URDF."""

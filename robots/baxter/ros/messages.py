@@ -13,8 +13,6 @@ from typing import Any
 
 from foldcell.robots.ros.installation import import_ros
 
-__all__ = ["POSITION", "RAW_POSITION", "TORQUE", "VELOCITY", "Messages", "load_messages"]
-
 POSITION = 1
 """Mode of a JointCommand: joint angles, with the robot's own collision avoidance and its speed limit
 (`topics.speed_ratio`)."""

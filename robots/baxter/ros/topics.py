@@ -2,25 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = [
-    "CLOCK",
-    "ENABLE",
-    "GRIPPER_COMMAND",
-    "GRIPPER_STATE",
-    "HEAD_COMMAND",
-    "HEAD_STATE",
-    "INVERSE_DYNAMICS",
-    "JOINT_COMMAND",
-    "JOINT_COMMAND_TIMEOUT",
-    "JOINT_STATES",
-    "JOINT_STATE_RATE",
-    "RESET",
-    "ROBOT_STATE",
-    "SPEED_RATIO",
-    "STOP",
-    "TACTILE",
-]
-
 CLOCK = "/clock"
 """rosgraph_msgs/Clock, only if the parameter /use_sim_time is true."""
 JOINT_STATES = "/robot/joint_states"

@@ -10,7 +10,6 @@ from foldcell.skills.cloth.clusters import FAR
 from foldcell.skills.cloth.contact.ridges import find_ridges
 from foldcell.skills.cloth.inner import inner
 from foldcell.skills.cloth.simd.f32x16 import (
-    LANES,
     ctz,
     expect_columns,
     expect_rows,
@@ -24,12 +23,11 @@ from foldcell.skills.cloth.simd.f32x16 import (
     where,
 )
 from foldcell.skills.cloth.simd.i32x16 import (
+    LANES,
     load_i32x16,
     mask_greater,
     splat_i32x16,
 )
-
-__all__ = ["fit_clusters", "fit_ridges"]
 
 WIDE = np.uint32(LANES)
 ONE_ROW = np.uint64(1)

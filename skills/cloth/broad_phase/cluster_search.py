@@ -23,7 +23,6 @@ from foldcell.skills.cloth.clusters import FAR, LEAF
 from foldcell.skills.cloth.contact.contacts import RELEASE, edge_distance
 from foldcell.skills.cloth.inner import inner
 from foldcell.skills.cloth.simd.f32x16 import (
-    LANES,
     expect_columns,
     expect_rows,
     load_f32x16,
@@ -34,6 +33,7 @@ from foldcell.skills.cloth.simd.f32x16 import (
     vmin,
 )
 from foldcell.skills.cloth.simd.i32x16 import (
+    LANES,
     compress,
     iota,
     load_i32x16,
@@ -46,8 +46,6 @@ from foldcell.skills.cloth.simd.i32x16 import (
     vmax_i32x16,
     vmin_i32x16,
 )
-
-__all__ = ["search_pairs"]
 
 # largest number of tests that a pair of clusters adds: one for each vertex or edge that is tested against the
 # other cluster

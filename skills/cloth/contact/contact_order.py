@@ -15,8 +15,6 @@ from foldcell.skills.cloth.inner import inner
 from foldcell.skills.cloth.simd.f64x8 import EIGHT
 from foldcell.skills.cloth.simd.vec3 import members
 
-__all__ = ["PARTS", "group_contacts", "take_turns"]
-
 # Number of parts of the list from which contacts are taken in turn. Neighbours in the list often share vertices
 # and then cannot be in one group.
 PARTS = 4

@@ -8,8 +8,6 @@ from numba import types
 
 from foldcell.skills.cloth.simd.registers import INDEX, ArrayOf, mixed, operation
 
-__all__ = ["common_corner"]
-
 _ROW, _ANY = ir.VectorType(INDEX, 4), ir.IntType(4)
 
 

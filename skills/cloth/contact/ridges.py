@@ -20,9 +20,7 @@ import numpy as np
 
 from foldcell.skills.cloth.contact.contacts import edge_distance
 from foldcell.skills.cloth.inner import inner
-from foldcell.skills.cloth.simd.f32x16 import LANES
-
-__all__ = ["find_ridges", "flat_cosine", "note_ridges", "stay_ridges"]
+from foldcell.skills.cloth.simd.i32x16 import LANES
 
 SHARE = 0.5  # x allowed angle: from this angle on an edge is a ridge, as the angle may grow until the next search
 MOST_ANGLE = 0.5  # [rad] at a larger angle an edge is always a ridge, however thick the cloth is

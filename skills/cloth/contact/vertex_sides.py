@@ -21,12 +21,7 @@ import numpy as np
 from numba import njit
 
 from foldcell.skills.cloth.contact.contacts import GIVE_UP, MAX_WAIT, RELEASE, STRAY
-from foldcell.skills.cloth.simd.f32x16 import LANES
-
-__all__ = [
-    "AWAY", "BORDER", "GAP", "LEAST", "NORMAL", "REACH", "ROWS", "SECOND", "SIDE", "SLIDE", "THIRD", "TOUCHES",
-    "TO_SECOND", "TO_THIRD", "TO_VERTEX", "VERDICT", "WAIT", "WITHIN", "judge_sides",
-]  # fmt: skip
+from foldcell.skills.cloth.simd.i32x16 import LANES
 
 # A vertex is over the border of two triangles if its least barycentric coordinate is between -BORDER and BORDER.
 BORDER = 0.05

@@ -34,8 +34,8 @@ from foldcell.skills.cloth.contact.vertex_sides import (
     judge_sides,
 )
 from foldcell.skills.cloth.inner import inner
-from foldcell.skills.cloth.simd.f32x16 import LANES
 from foldcell.skills.cloth.simd.f64x8 import blocks
+from foldcell.skills.cloth.simd.i32x16 import LANES
 from foldcell.skills.cloth.simd.vec3 import load, store, store_singles, vector
 
 AT_BEND = -2  # value in `better` of a row that is at a bend and has no better row (`_meet_once`)

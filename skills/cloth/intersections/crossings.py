@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from foldcell.robots.ports import Array
 from foldcell.skills.compiled import cached
 
-__all__ = ["count_crossings", "crosses", "find_crossings"]
-
 
 def find_crossings(positions: Array, triangles: NDArray[np.int32]) -> NDArray[np.int32]:
     """Return (k, 3): the two vertices of an edge and the triangle that it passes through. Edges that share a

@@ -13,8 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-__all__ = ["LINE_BYTES", "Table", "aligned", "aligned_zeros", "named_arrays", "zeros"]
-
 LINE_BYTES = 64
 
 Table = Mapping[str, tuple[Any, ...]]

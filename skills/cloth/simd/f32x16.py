@@ -35,23 +35,6 @@ from foldcell.skills.cloth.simd.registers import (
     store_rows,
 )
 
-__all__ = [
-    "LANES",
-    "ctz",
-    "expect_columns",
-    "expect_rows",
-    "load_f32x16",
-    "mask_less_equal",
-    "permute",
-    "splat_f32x16",
-    "store_f32x16",
-    "vabs",
-    "vmax",
-    "vmin",
-    "vsqrt",
-    "where",
-]  # fmt: skip
-
 _lanes = Register(types.float32, LANES, ("contract", "nnan", "nsz"))
 
 # ctz(bits): position of the lowest bit that is set (an internal intrinsic of numba)

@@ -20,8 +20,6 @@ from numba import types
 from foldcell.skills.cloth.simd.registers import INDEX, ArrayOf, call, mixed, operation, splat_of, where_above_of
 from foldcell.skills.cloth.simd.vec3 import MEMBERS, PLACES, WIDTH, vector_type
 
-__all__ = ["FOUR", "dots", "ends", "gather_f64x4", "load_f64x4", "splat_f64x4", "where_above"]
-
 FOUR = WIDTH  # the same register type as a vector, so the operators of vectors apply
 NUMBERS, VECTORS = ArrayOf(1, (types.float64,)), types.UniTuple(vector_type, FOUR)
 

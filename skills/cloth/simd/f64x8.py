@@ -33,24 +33,6 @@ from foldcell.skills.cloth.simd.registers import (
 )
 from foldcell.skills.cloth.simd.vec3 import MEMBERS, VECTORS, WIDTH, vector_type
 
-__all__ = [
-    "EIGHT",
-    "add_shares",
-    "any_above",
-    "blocks",
-    "coordinates",
-    "dots",
-    "gather",
-    "load_f64x8",
-    "scatter",
-    "splat_f64x8",
-    "store_f64x8",
-    "vmax",
-    "vmin",
-    "vsqrt",
-    "where_above",
-]  # fmt: skip
-
 EIGHT = 8
 _ROW, _FLAGS = vector_type.llvm, ("contract",)
 _eight = Register(types.float64, EIGHT, _FLAGS)

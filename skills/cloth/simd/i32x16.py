@@ -32,23 +32,6 @@ from foldcell.skills.cloth.simd.registers import (
     splat_of,
 )
 
-__all__ = [
-    "LANES",
-    "compress",
-    "flags",
-    "iota",
-    "load_i32x16",
-    "mask_greater",
-    "mask_not_equal",
-    "popcount",
-    "splat_i32x16",
-    "store_i32x16",
-    "store_interleaved",
-    "vmax_i32x16",
-    "vmin_i32x16",
-    "whole",
-]  # fmt: skip
-
 LANES = 16
 INTEGERS = types.int32, types.uint32  # of the arrays
 whole = Register(types.int32, LANES)

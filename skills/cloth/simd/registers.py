@@ -19,11 +19,6 @@ from numba.core import cgutils
 from numba.core.errors import TypingError
 from numba.extending import intrinsic, models, overload, register_model
 
-__all__ = [
-    "INDEX", "ArrayOf", "Elements", "Register", "call", "choose", "elementwise", "load_rows", "mask_where",
-    "mixed", "operation", "splat", "splat_of", "store_rows", "where_above_of",
-]  # fmt: skip
-
 INDEX = ir.IntType(32)
 _NUMBERS = {types.float64: ir.DoubleType(), types.float32: ir.FloatType(), types.int32: ir.IntType(32)}
 

@@ -21,11 +21,6 @@ from numba.extending import overload
 from foldcell.skills.cloth.inner import inner
 from foldcell.skills.cloth.simd.registers import INDEX, ArrayOf, Register, elementwise, mixed, operation, splat_of
 
-__all__ = [
-    "PLACES", "VECTORS", "WIDTH", "cross", "dot", "load", "members", "spread", "store", "store_singles",
-    "vector", "vector_type",
-]  # fmt: skip
-
 WIDTH = 4
 vector_type = Register(types.float64, WIDTH, ("contract",))
 VECTORS, MEMBERS = ArrayOf(2, (types.float64,)), ArrayOf(2, (types.uint32,))

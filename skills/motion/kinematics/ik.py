@@ -15,8 +15,6 @@ from foldcell.robots.model import ArmChain, RobotModel
 from foldcell.robots.ports import Array, Side
 from foldcell.skills.compiled import cached
 
-__all__ = ["arm_seeds", "follow_path", "solve_pose", "solve_seeds", "tool_pose"]
-
 MAX_ITERATIONS = 60
 STEP_LIMIT = 0.4
 """Largest joint step of one iteration [rad]."""

@@ -15,8 +15,6 @@ from foldcell.robots.ports import Array
 from foldcell.skills.plane import lengths_along
 from foldcell.skills.vocabulary import GraspId, Table, ToolPath, tool_rotation
 
-__all__ = ["Posture", "angles_of", "blended", "in_base", "with_ends"]
-
 HALF_TURN = np.diag([-1.0, -1.0, 1.0])
 
 

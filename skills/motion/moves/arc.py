@@ -25,8 +25,6 @@ from foldcell.skills.motion.validation.failures import (
 from foldcell.skills.motion.validation.trajectory_check import check_trajectory
 from foldcell.skills.vocabulary import GraspId, Outcome, Table, ToolPath, refuse, skill
 
-__all__ = ["ArcMotion", "intended_duration", "plan_arc"]
-
 SAMPLE_TIME = 0.04
 """Time between the joint samples of an arc [s]; a cubic spline joins them."""
 

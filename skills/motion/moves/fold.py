@@ -31,8 +31,6 @@ from foldcell.skills.motion.validation.failures import (
 )
 from foldcell.skills.vocabulary import GraspId, Outcome, Table, ToolPath, refuse, skill
 
-__all__ = ["FoldMotion", "plan_hands_motion"]
-
 MAX_STRETCH = 1.3
 """If the arms' limits lengthen the fold's duration by more than this factor, the next postures are tried too."""
 SEARCHES = 2

@@ -23,8 +23,6 @@ from foldcell.skills.motion.validation.trajectory_check import contact_along
 from foldcell.skills.plane import resampled
 from foldcell.skills.vocabulary import Outcome, refuse, skill
 
-__all__ = ["blend_corners", "plan_free_motion"]
-
 STEP = 0.35
 """Maximum length of a new branch of a tree [rad, joint with the largest motion]."""
 MAX_ITERATIONS = 1500

@@ -22,8 +22,6 @@ from foldcell.skills.motion.validation.failures import (
 )
 from foldcell.skills.vocabulary import Failed, GraspId, Outcome, Table, ToolPath, refuse, skill
 
-__all__ = ["APPROACH_HEIGHT", "Descent", "GraspMotion", "plan_grasp"]
-
 APPROACH_HEIGHT = 0.08
 """Height above a grasp at which the straight descent begins [m]."""
 OVERTRAVEL = 0.015

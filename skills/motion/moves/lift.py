@@ -17,8 +17,6 @@ from foldcell.skills.motion.validation.failures import too_near, validate_height
 from foldcell.skills.motion.validation.trajectory_check import contact_along
 from foldcell.skills.vocabulary import Outcome, refuse, skill
 
-__all__ = ["CAREFUL_SPEED", "plan_lift", "plan_straight"]
-
 SPEED = 0.25
 """Maximum speed of the tools [m/s]."""
 CAREFUL_SPEED = 0.09

@@ -24,8 +24,6 @@ from foldcell.skills.motion.kinematics.posture import Posture, in_base, with_end
 from foldcell.skills.motion.validation.collision import CollisionChecker, Contact
 from foldcell.skills.vocabulary import GraspId, Outcome, Table, ToolPath
 
-__all__ = ["PostureChoice", "rank_postures"]
-
 PITCH = np.deg2rad([0.0, 10.0, -10.0, 20.0, -20.0, 30.0, -30.0, 40.0, -40.0])
 ROLL = np.deg2rad([0.0, 10.0, -10.0, 20.0, -20.0, 30.0, -30.0])
 PITCH_CHANGE = np.deg2rad([20.0, -20.0, 40.0, -40.0, 60.0, -60.0, 80.0, -80.0])

@@ -16,8 +16,6 @@ from foldcell.skills.motion.validation.trajectory_check import contact_along, sp
 from foldcell.skills.plane import lengths_along
 from foldcell.skills.vocabulary import Outcome, refuse, skill
 
-__all__ = ["nearest_on", "plan_along", "share_done", "without_loops"]
-
 SPACING = 0.02
 """Joint motion between two samples of a path [rad]."""
 FARTHEST = 0.35

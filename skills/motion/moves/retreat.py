@@ -14,8 +14,6 @@ from foldcell.skills.motion.moves.lift import plan_lift
 from foldcell.skills.motion.validation.collision import CollisionChecker
 from foldcell.skills.vocabulary import Outcome
 
-__all__ = ["CAREFUL_RISE", "RETREAT_HEIGHT", "Retreat", "plan_retreat"]
-
 RETREAT_HEIGHT = 0.10
 """Height by which the hands rise after a fold [m]."""
 CAREFUL_RISE = 0.035

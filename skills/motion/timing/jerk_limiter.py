@@ -10,8 +10,6 @@ import ruckig
 
 from foldcell.robots.errors import InternalError
 
-__all__ = ["JerkLimiter", "step_towards"]
-
 
 @dataclass(frozen=True)
 class JerkLimiter:

@@ -41,23 +41,6 @@ with without_plots():
     import toppra.algorithm
     import toppra.constraint
 
-__all__ = [
-    "LONGEST_MOTION",
-    "STOP_TIME",
-    "TICK",
-    "ClockWarp",
-    "Peaks",
-    "TimingError",
-    "free_motion",
-    "hold",
-    "join",
-    "peaks",
-    "time_law",
-    "time_path",
-    "warp_clock",
-    "warped",
-]
-
 LONGEST_MOTION = 600.0
 """Maximum duration of one motion [s]; it has 60 000 samples. Even at the slowest settings of a cell (5 % of the
 joints' speed, tools at 0.02 m/s) no motion takes more than about three minutes."""

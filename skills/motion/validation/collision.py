@@ -17,8 +17,6 @@ from foldcell.robots.model import RobotModel
 from foldcell.robots.ports import Array, Side
 from foldcell.skills.vocabulary import Table
 
-__all__ = ["CollisionChecker", "Contact"]
-
 BODY_MARGIN = 0.01
 """Minimum distance between an arm and any other part of the robot [m]. It covers errors of tracking and model."""
 TABLE_MARGIN = 0.015

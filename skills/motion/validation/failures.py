@@ -13,16 +13,6 @@ from foldcell.robots.ports import Array, Side
 from foldcell.skills.motion.timing.timing import LONGEST_MOTION
 from foldcell.skills.vocabulary import GraspId, Table, ToolPath
 
-__all__ = [
-    "out_of_reach",
-    "too_near",
-    "validate_goal",
-    "validate_height",
-    "validate_paths",
-    "validate_state",
-    "validate_tool_speed",
-]
-
 HIGHEST = 3.0
 """Maximum height of a lift or an approach [m]. No arm reaches as high."""
 

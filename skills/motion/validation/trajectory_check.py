@@ -19,8 +19,6 @@ from foldcell.skills.motion.timing.timing import Peaks, peaks
 from foldcell.skills.motion.validation.collision import CollisionChecker, Contact
 from foldcell.skills.vocabulary import Outcome, refuse, skill
 
-__all__ = ["check_trajectory", "contact_along", "spaced_samples"]
-
 START_TOLERANCE = float(np.deg2rad(1.0))
 LIMIT_TOLERANCE = 1e-6
 """Relative excess over a limit that is tolerated. It covers only rounding."""

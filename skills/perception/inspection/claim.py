@@ -8,8 +8,6 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass
 
-__all__ = ["Claim", "ClaimSettings", "claim_to_dict"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class ClaimSettings:

@@ -23,8 +23,6 @@ from foldcell.skills.perception.inspection.result import Inspection, InspectionS
 from foldcell.skills.perception.inspection.target_view import TargetView
 from foldcell.skills.vocabulary import FailureKind
 
-__all__ = ["Displacement", "Layers", "SeenFolds", "claim_fold", "displacement_of"]
-
 OVERLAP, BY_PREDICTED, BY_CREASE, OVERLAP_SIGMA = 0.232, 0.775, 1.338, 0.0085
 """The overlap with the target, as the score measures it: `OVERLAP`, plus a share of the aligned overlap with the
 prediction, less a share of the highest crease [1/m], with this standard deviation. Least squares over 86 runs of

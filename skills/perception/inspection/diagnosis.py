@@ -10,15 +10,6 @@ from foldcell.skills.perception.inspection.moved_edge import MovedEdge
 from foldcell.skills.perception.inspection.result import MAX_PILED_AREA, Inspection, InspectionSettings
 from foldcell.skills.vocabulary import Array, FailureKind, FoldStep
 
-__all__ = [
-    "beyond_limits",
-    "corners_in_place",
-    "diagnose",
-    "diagnosed_by_height",
-    "lasting_defect",
-    "outline_matches",
-]
-
 CORNER_RADIUS = 0.07
 """If a deviation of the outline is nearer than this to a corner of the target, it counts as a deviation of this
 corner [m]."""

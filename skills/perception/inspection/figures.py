@@ -16,8 +16,6 @@ from foldcell.skills.perception.rectification.heights import LOFTY, upper
 from foldcell.skills.perception.rectification.table_view import TableView
 from foldcell.skills.vocabulary import FoldStep, GraspId
 
-__all__ = ["extra_height", "judged_area", "left_behind", "missing_layer", "piled_area", "upper_height"]
-
 STRIP_HALF_WIDTH = 0.06
 """Half the width of the strips in which `left_behind` and `sag` are measured: one strip at each grasp, and one
 between two grasps."""

@@ -19,19 +19,6 @@ from foldcell.skills.perception.inspection.claim import ClaimSettings
 from foldcell.skills.perception.inspection.target_view import StackHeights
 from foldcell.skills.vocabulary import Array, frozen
 
-__all__ = [
-    "CameraBias",
-    "Flatness",
-    "IdealHeights",
-    "Normal",
-    "estimate_bending",
-    "estimate_camera_bias",
-    "expected_heights",
-    "judge_flatness",
-    "rising",
-    "scaled_ideal_heights",
-]
-
 _Z = np.linspace(-6.0, 6.0, 601)
 _WEIGHT = np.exp(-0.5 * _Z**2) / np.exp(-0.5 * _Z**2).sum()
 _ERF = np.vectorize(math.erf, otypes=[float])

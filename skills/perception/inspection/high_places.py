@@ -15,8 +15,6 @@ from foldcell.skills.perception.rectification.heights import smooth_height
 from foldcell.skills.perception.rectification.table_view import TableView
 from foldcell.skills.vocabulary import PredictedShape
 
-__all__ = ["HighPlaces", "find_high_places"]
-
 EROSION = 9
 """Side of the square by which the silhouette is eroded [px]. At its rim, depths of cloth and table are mixed."""
 EDGE = 0.030

@@ -42,8 +42,6 @@ from foldcell.skills.vocabulary import (
     skill,
 )
 
-__all__ = ["Inspection", "InspectionSettings", "averaged_height", "inspect"]
-
 APART = 0.04
 """An object nearer than this to the garment or to its prediction may be a part of the garment [m]."""
 STILL_IOU = 0.97

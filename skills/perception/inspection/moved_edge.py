@@ -22,8 +22,6 @@ from foldcell.skills.perception.rectification.heights import smooth_height
 from foldcell.skills.perception.rectification.table_view import TableView
 from foldcell.skills.vocabulary import FoldStep, PredictedShape
 
-__all__ = ["MovedEdge", "moved_edge"]
-
 SHORTEST = 0.08
 """Edges that are shorter are not judged [m]."""
 _STRIPS = 9

@@ -11,8 +11,6 @@ from foldcell.skills.perception.rectification.table_view import TableView
 from foldcell.skills.perception.registration.boundary import longest_contour
 from foldcell.skills.vocabulary import PredictedShape
 
-__all__ = ["draw_shape", "mask_iou", "move_view", "outline_of"]
-
 
 def draw_shape(view: TableView, shape: PredictedShape) -> NDArray[np.float32]:
     """Render the height (H, W) of a predicted mesh as the camera sees it [m], NaN outside the mesh.

@@ -16,8 +16,6 @@ from foldcell.skills.perception.rectification.table_view import TableView
 from foldcell.skills.perception.settings import PerceptionSettings
 from foldcell.skills.vocabulary import FailureKind
 
-__all__ = ["Inspection", "InspectionSettings"]
-
 MAX_PILED_AREA = 0.0012
 """Maximum area that is more than `extra_height` higher than predicted."""
 FOLD_MARGIN = 0.040

@@ -15,8 +15,6 @@ from foldcell.skills.perception.rectification.table_view import TableView
 from foldcell.skills.perception.registration.alignment import align
 from foldcell.skills.vocabulary import PredictedShape
 
-__all__ = ["FoldTarget", "StackHeights", "TargetView", "stack_heights", "view_target"]
-
 MOST_LIFT = 0.030
 """Largest height by which the target is raised to the height of the observed garment [m]."""
 WINDOW = 5

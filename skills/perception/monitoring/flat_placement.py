@@ -20,8 +20,6 @@ from foldcell.skills.perception.outline import counter_clockwise, resample_close
 from foldcell.skills.plane import rotation
 from foldcell.skills.vocabulary import Array, Corner, frozen
 
-__all__ = ["Placement", "convex_corners", "place_outline"]
-
 STRAIGHT = 0.010
 """The boundary between two corners deviates from a straight line by less than this [m]: wrinkles and the rounding
 of sewn corners are smaller."""

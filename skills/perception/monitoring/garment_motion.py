@@ -19,8 +19,6 @@ from foldcell.skills.perception.silhouette import find_silhouette
 from foldcell.skills.perception.views import Views
 from foldcell.skills.vocabulary import Outcome
 
-__all__ = ["GarmentMotion", "displaced_boundary", "measure_motion"]
-
 _WINDOW = 15
 """Side of the square over which heights are averaged before they are compared [px]."""
 _RISE = 0.008

@@ -16,9 +16,6 @@ from numpy.typing import NDArray
 from foldcell.robots.ports import Array, frozen
 from foldcell.skills.vocabulary import CameraCalibration, CameraFrame, Failure, FailureKind, Outcome, Table
 
-__all__ = ["refine_calibration", "tilted_table"]
-
-
 _PRIOR_POSITION, _PRIOR_ANGLE = 0.005, 0.005
 """Standard deviations of the given calibration [m, rad]."""
 _PLANE_TILT = 0.0008

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from foldcell.skills.perception.rectification.table_view import RectifiedView
 
-__all__ = ["LOFTY", "garment_height", "height_above", "smooth_height", "table_height", "upper"]
-
 LOFTY = 1.4
 """Largest ratio of the height of cloth to the height that follows from its stated thickness. The two differ,
 because fabrics differ and loose layers do not lie flat."""

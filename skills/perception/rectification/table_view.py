@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 from foldcell.robots.ports import Array, CameraFrame
 from foldcell.skills.vocabulary import CameraCalibration, Table
 
-__all__ = ["RectifiedView", "TableView"]
-
 BELOW = 0.10
 """Measured points that lie further than this below the table's top are invalid [m], because the error of a
 calibration is a few centimetres at most."""

@@ -30,8 +30,6 @@ from foldcell.skills.perception.registration.details.picture_refinement import n
 from foldcell.skills.perception.registration.energy import Boundary
 from foldcell.skills.perception.registration.register import Registration
 
-__all__ = ["in_photograph", "keypoint_sigmas", "probability_within", "with_shape"]
-
 _FREEDOM = 4.0
 """Degrees of freedom of the t-distribution."""
 _BY_PLACE, _BY_ROUGHNESS = 0.5, 3.5

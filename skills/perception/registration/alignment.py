@@ -8,8 +8,6 @@ from foldcell.robots.ports import Array
 from foldcell.skills.perception.registration.energy import Boundary, closest_segments
 from foldcell.skills.plane import rotation
 
-__all__ = ["align", "edge_deviation"]
-
 
 def align(outline: Array, observed: Array, iterations: int = 20) -> tuple[Array, Array]:
     """Compute the rigid motion p -> R p + t, R (2, 2), t (2,) [m], that aligns a boundary (n, 2) with another one

@@ -16,9 +16,6 @@ from numpy.typing import NDArray
 from foldcell.robots.ports import Array
 from foldcell.skills.perception.registration.energy import Boundary
 
-__all__ = ["PLACE_SIGMA", "locate_bend"]
-
-
 PLACE_SIGMA = 0.006  # standard deviation of the place that the registration gives, along the boundary [m]
 _SEARCH = 0.035  # maximum displacement [m]
 _REACH = 0.05  # length of boundary that is used on each side of all places tried [m]

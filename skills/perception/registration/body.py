@@ -19,9 +19,6 @@ from foldcell.skills.perception.outline import segment_lengths
 from foldcell.skills.perception.registration.energy import Boundary, closest_segments
 from foldcell.skills.plane import rotation
 
-__all__ = ["lay_body"]
-
-
 _AGREE = 0.02
 """If a corner is nearer than this to the place that two other corners predict for it, it agrees with these two
 [m]."""

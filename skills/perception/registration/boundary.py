@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 from foldcell.robots.ports import Array
 from foldcell.skills.perception.outline import outward_normals, smooth_closed
 
-__all__ = ["longest_contour", "refine_boundary", "sample"]
-
 _REACH = 6.0
 """Distance from the mask's boundary up to which the true boundary is searched, on both sides [px]."""
 

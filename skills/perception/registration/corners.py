@@ -16,8 +16,6 @@ from foldcell.skills.perception.registration.bend import locate_bend
 from foldcell.skills.perception.registration.body import lay_body
 from foldcell.skills.perception.registration.energy import Boundary, closest_segments
 
-__all__ = ["HOLLOW_ANGLE", "NOTCH_ANGLE", "least_turn", "set_corners"]
-
 NOTCH_ANGLE = 5.6
 """A corner with a larger interior angle than this is a notch between two limbs, such as a crotch [rad]."""
 HOLLOW_ANGLE = 4.9

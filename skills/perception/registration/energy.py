@@ -30,16 +30,6 @@ from foldcell.skills.perception.outline import (
     segment_lengths,
 )
 
-__all__ = [
-    "NORMAL_REACH",
-    "Boundary",
-    "ContourTerms",
-    "EnergyWeights",
-    "closest_segments",
-    "contour_terms",
-    "solve_damped",
-]
-
 NORMAL_REACH = 0.05
 """Distance [m] that is added if a contour segment faces the opposite way to the boundary. It prevents the edge of
 a sleeve from matching the edge of the body."""

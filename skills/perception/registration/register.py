@@ -37,8 +37,6 @@ from foldcell.skills.perception.registration.energy import (
 )
 from foldcell.skills.plane import rotation
 
-__all__ = ["FitSettings", "Registration", "Start", "best_starts", "fit", "register"]
-
 _MARGIN = 0.005
 """An orientation is ruled out if its forward distance exceeds twice the smallest one by more than this [m]."""
 

@@ -10,8 +10,6 @@ from foldcell.robots.ports import Array
 from foldcell.skills.compiled import cached
 from foldcell.skills.perception.segmentation.mask import Field, Image, Mask
 
-__all__ = ["FLOOR", "cluster_colours", "colour_likelihood", "log_colour", "noise_scale", "opponent"]
-
 FLOOR = -18.0
 """Lower bound of all log densities of colours, so that an outlier has a limited effect."""
 _LOG = np.log(np.arange(256, dtype=np.float32) + 8.0)

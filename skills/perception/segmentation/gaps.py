@@ -15,8 +15,6 @@ from foldcell.skills.perception.registration.boundary import longest_contour, re
 from foldcell.skills.perception.segmentation.colour_model import colour_likelihood, log_colour, noise_scale
 from foldcell.skills.perception.segmentation.mask import Image, Mask, Segmentation, eroded, fill, largest
 
-__all__ = ["opened_gaps"]
-
 _RING = 24
 """Width of the ring around a garment whose colours are the ground's [px]."""
 _EDGE = 3

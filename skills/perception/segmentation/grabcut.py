@@ -29,8 +29,6 @@ from foldcell.skills.perception.segmentation.mask import (
 )
 from foldcell.skills.perception.segmentation.table_model import fit_table
 
-__all__ = ["segment_grabcut"]
-
 _REDUCED_SIZE = 180
 """Longer edge of the reduced picture for GrabCut [px]. The boundary is refined at full resolution."""
 _RIM = 0.04

@@ -11,11 +11,6 @@ from numpy.typing import NDArray
 from foldcell.robots.ports import Array
 from foldcell.skills.perception.registration.boundary import refine_boundary
 
-__all__ = [
-    "SMALLEST_AREA", "Field", "Image", "Mask", "Segmentation", "closed", "empty_segmentation", "eroded", "fill",
-    "filled", "graph_cut", "largest", "opened", "outlined", "reduced",
-]  # fmt: skip
-
 Image = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 Field = NDArray[np.floating]

@@ -17,8 +17,6 @@ from foldcell.skills.perception.segmentation.mask import Field, Mask, eroded
 from foldcell.skills.perception.segmentation.table_model import KNOWN_SHARE
 from foldcell.skills.vocabulary import Failure, FailureKind
 
-__all__ = ["find_obstruction", "obstructed", "obstruction_failure", "standing_parts"]
-
 MIN_HEIGHT = 0.035
 """An obstruction is higher than this at the border [m]. A wrist is 40 to 60 mm thick. A garment that may be folded
 is at most `PerceptionSettings.flat_height` high, and a folded stack does not reach the border."""

@@ -34,8 +34,6 @@ from foldcell.skills.perception.segmentation.mask import (
 )
 from foldcell.skills.perception.segmentation.surroundings import MOST_FOREIGN, foreign_stretch
 
-__all__ = ["propose_cut_off", "propose_garments", "skin", "table_distance"]
-
 _SIZE = 320
 """Longer edge of the reduced picture in which regions are sought [px]."""
 _RIM = 0.06

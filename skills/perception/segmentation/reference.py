@@ -39,8 +39,6 @@ from foldcell.skills.perception.segmentation.table_model import (
     table_spread,
 )
 
-__all__ = ["segment_plain", "segment_reference"]
-
 _MIXED_SHARE = 0.1
 """If more than this share of a dark region is flat, the region consists of cloth and shadow."""
 _WINDOW = 25

@@ -15,8 +15,6 @@ from foldcell.skills.perception.outline import outward_normals, smooth_closed
 from foldcell.skills.perception.registration.boundary import sample
 from foldcell.skills.perception.segmentation.mask import Image, Mask, Segmentation, eroded
 
-__all__ = ["MOST_FOREIGN", "foreign_stretch", "printed_on_ground"]
-
 MOST_FOREIGN = 0.10
 """A region whose outline is longer than this share without the ground beside it is a part of something."""
 _RIM = 0.05

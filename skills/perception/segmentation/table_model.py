@@ -11,16 +11,6 @@ from foldcell.skills.perception.rectification.heights import smooth_height
 from foldcell.skills.perception.segmentation.colour_model import FLOOR, log_colour
 from foldcell.skills.perception.segmentation.mask import Field, Image, Mask, eroded
 
-__all__ = [
-    "DEEPEST_SHADOW",
-    "KNOWN_SHARE",
-    "fit_table",
-    "light_change",
-    "light_plane",
-    "table_likelihood",
-    "table_spread",
-]
-
 DEEPEST_SHADOW = 1.0
 """Darkest possible shadow, as a decrease of the natural logarithm of the intensity: a shaded table has at least
 exp(-1.0) = 37 % of its unshaded intensity."""

@@ -7,8 +7,6 @@ import numpy as np
 
 from foldcell.skills.perception.segmentation.mask import Image, Mask, Segmentation, outlined
 
-__all__ = ["segment_watershed"]
-
 
 def segment_watershed(rgb: Image, valid: Mask) -> Segmentation:
     """Segment rgb (H, W, 3) where valid (H, W). The four corners are assumed to be background, the centre

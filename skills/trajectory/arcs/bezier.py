@@ -8,8 +8,6 @@ import numpy as np
 
 from foldcell.skills.vocabulary import Array
 
-__all__ = ["PAPER_H", "arc_controls", "arc_lengths", "bernstein", "evaluate"]
-
 UP = np.array([0.0, 0.0, 1.0])
 ORDER = 3  # of the arcs' curves
 PAPER_H = 1.0 / 3.0  # height of the inner control points of the paper's first guess, in units of |P0 - Pn|

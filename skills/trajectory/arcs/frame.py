@@ -12,8 +12,6 @@ import numpy as np
 
 from foldcell.skills.vocabulary import Array, FoldStep, GraspId
 
-__all__ = ["FoldFrame", "frames_of", "grasp_ends"]
-
 
 @dataclass(frozen=True, eq=False)
 class FoldFrame:

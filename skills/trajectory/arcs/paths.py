@@ -10,8 +10,6 @@ import numpy as np
 from foldcell.skills.trajectory.arcs.bezier import arc_lengths, evaluate
 from foldcell.skills.vocabulary import Array, FoldStep, GraspId, GraspTrajectory, ToolPath, frozen
 
-__all__ = ["LIFT_HEIGHT", "SpeedLaw", "after_lift", "fold_duration", "fold_paths", "lifted", "tool_paths"]
-
 TOOL_ACCELERATION = 0.8
 """Peak acceleration of the tool along a fold [m/s2]. It is small because a jerky motion pulls at the cloth; the
 paper names this as the cause of drift."""

@@ -12,8 +12,6 @@ from foldcell.skills.trajectory.arcs.bezier import arc_controls
 from foldcell.skills.trajectory.arcs.frame import FoldFrame, frames_of
 from foldcell.skills.vocabulary import Array, GraspId, ToolPath, frozen
 
-__all__ = ["repair_arcs", "turned_paths"]
-
 
 def repair_arcs(
     controls: Mapping[GraspId, Array], plan: RepairPlan, thickness: float

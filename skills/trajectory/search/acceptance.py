@@ -11,8 +11,6 @@ from scipy.spatial.distance import pdist
 
 from foldcell.skills.vocabulary import Array, Failure, FailureKind
 
-__all__ = ["NEARLY", "acceptance_limit", "gains_as_promised", "judge_prediction"]
-
 POOR_SHARE = 0.05
 """Largest accepted D of a fold, as a share of the garment's diagonal."""
 

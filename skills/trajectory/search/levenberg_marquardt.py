@@ -13,8 +13,6 @@ import numpy as np
 
 from foldcell.skills.vocabulary import Array
 
-__all__ = ["SecantOptions", "secant_levenberg_marquardt"]
-
 Residuals = Callable[[Sequence[Array]], Sequence[Array]]
 """Computes the residual (m,) of each of the points (n,)."""
 

@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 
 from foldcell.skills.vocabulary import Array
 
-__all__ = ["ALPHA", "cost", "dissimilarity"]
-
 ALPHA = 1e3
 """Weight of the dissimilarity against the path's length, both in metres (the paper's alpha)."""
 

@@ -44,8 +44,6 @@ from foldcell.skills.vocabulary import (
     ToolPath,
 )
 
-__all__ = ["METHODS", "PLAIN_H", "ClothPredictor", "arcs_of", "optimise_fold", "plain_paths", "plain_trajectory"]
-
 Progress = Callable[[int, int, float], None]
 """Function called after each simulation with: simulations done, budget, best D so far [m]."""
 

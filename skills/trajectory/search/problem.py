@@ -20,8 +20,6 @@ from foldcell.skills.trajectory.arcs.paths import LIFT_HEIGHT, fold_duration, fo
 from foldcell.skills.trajectory.search.objective import cost, dissimilarity
 from foldcell.skills.vocabulary import Array, FoldStep, GraspId, Material, ToolPath
 
-__all__ = ["MAX_HEIGHT", "Candidate", "Controls", "Evaluator", "FoldProblem", "Mishap", "Predictor"]
-
 Controls = dict[GraspId, Array]
 """Control points (n + 1, 3) of each grasp's arc, table frame."""
 

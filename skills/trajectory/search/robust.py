@@ -23,8 +23,6 @@ from foldcell.skills.plane import barycentric
 from foldcell.skills.trajectory.search.problem import Candidate, Evaluator, FoldProblem, Mishap
 from foldcell.skills.vocabulary import Array, GraspId
 
-__all__ = ["MARGIN", "MISHAPS", "carried", "most_robust", "refined", "simulations"]
-
 LEAN = float(np.deg2rad(10.0))
 """Typical lean of a hand in execution [rad]."""
 

@@ -27,8 +27,6 @@ from foldcell.robots.errors import Failure, FailureKind
 from foldcell.skills.perception.inspection.diagnosis import lasting_defect
 from foldcell.skills.state_estimate.hypothesis import FoldState
 
-__all__ = ["ask_approval", "ask_operator", "choose_next", "pause"]
-
 DWELL_PARTS = 20
 """Number of parts into which interruptions of the joint state may divide one dwell."""
 

@@ -26,8 +26,6 @@ from foldcell.skills.state_estimate.observation import Observation, observe
 from foldcell.skills.state_estimate.wording import describe
 from foldcell.skills.vocabulary import GraspId, Outcome, PredictedShape
 
-__all__ = ["SURE", "estimate", "note_estimate"]
-
 SURE = 0.8
 """Smallest confidence with which the state of the garment ends the attempt. Below it, the more probable
 of the states before and after the fold is assumed, and recognition or inspection decides whether it is true."""

@@ -34,8 +34,6 @@ from foldcell.skills.motion.moves.lift import CAREFUL_SPEED
 from foldcell.skills.motion.moves.retreat import Retreat
 from foldcell.skills.vocabulary import Outcome
 
-__all__ = ["leave_freely"]
-
 FREEING_SPEED = 0.25
 """Maximum speed of the tools while cloth may hang on a finger [m/s]."""
 ABOVE = 0.008

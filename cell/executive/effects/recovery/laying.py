@@ -31,8 +31,6 @@ from foldcell.skills.grasping.release import RELEASE_FORCE
 from foldcell.skills.grasping.settings import GraspSettings
 from foldcell.skills.motion.moves.retrace import share_done
 
-__all__ = ["carried_path", "lay_back", "progress", "still_holding"]
-
 _ENDINGS = {FailureKind.ABORTED: Event.GIVE_UP, FailureKind.SKILL_CRASHED: Event.CRASH}
 """Failures after which the run ends when the cloth is laid down, and the event that ends it."""
 

@@ -17,16 +17,6 @@ from foldcell.robots.ports import Side
 from foldcell.skills.grasping.hand_reading import GRIPPER_STALE, GripCommand
 from foldcell.skills.grasping.release import RELEASE_FORCE
 
-__all__ = [
-    "OPENING_S",
-    "RELEASE_OPENING",
-    "calibrated",
-    "let_go_and_park",
-    "open_hands",
-    "park",
-    "still_closed",
-]
-
 RELEASE_OPENING = 0.020
 """Opening of the pads when they release the garment [m]. It is small, so that the fingers do not sweep the stack
 aside."""

@@ -26,8 +26,6 @@ from foldcell.skills.trajectory.search.acceptance import acceptance_limit
 from foldcell.skills.trajectory.search.objective import dissimilarity
 from foldcell.skills.vocabulary import Array, GraspId, GraspTrajectory
 
-__all__ = ["choose_repair"]
-
 
 @dataclass(frozen=True, eq=False)
 class _Candidate:

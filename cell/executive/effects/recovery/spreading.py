@@ -36,8 +36,6 @@ from foldcell.skills.state_estimate.observation import Observation, observe
 from foldcell.skills.trajectory.arcs.paths import fold_duration
 from foldcell.skills.vocabulary import Corner, GraspTrajectory, Outcome, Table
 
-__all__ = ["SPREAD_AREA", "choose_pull", "lies_elsewhere", "not_spread", "spreadable"]
-
 SPREAD_AREA = 0.95
 """A garment is spread if it covers at least this share of the area that it covered when it lay flat. Two pictures
 of one flat garment agree within 2 %; a corner that is folded over as far as a hand can hold it covers 3 % less."""

@@ -25,20 +25,6 @@ from foldcell.skills.motion.moves.retrace import plan_along, without_loops
 from foldcell.skills.motion.moves.retreat import Retreat, plan_retreat
 from foldcell.skills.vocabulary import Outcome
 
-__all__ = [
-    "CLEARING_DWELL_S",
-    "FREEING",
-    "FREEING_TRIES",
-    "LAYING",
-    "PARKING",
-    "PREPARING_DWELLS_S",
-    "Course",
-    "Way",
-    "along",
-    "lead_out",
-    "plan_rise",
-]
-
 RETRACE_SPEED = 0.25
 """Maximum speed of the tools on the way back along an earlier path, which may lead over the garment [m/s]."""
 _FINAL = frozenset({FailureKind.STOPPED, FailureKind.ABORTED})

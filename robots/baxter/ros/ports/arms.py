@@ -26,8 +26,6 @@ from foldcell.robots.ports import Array, Clock, JointSetpoint, JointState, Side,
 from foldcell.robots.ros.node import Node
 from foldcell.robots.setpoint import clip_setpoint
 
-__all__ = ["RosArms"]
-
 COMMAND_TIMEOUT = 0.2
 STATE_RATE = 100
 """Rate of the joint states [Hz]."""

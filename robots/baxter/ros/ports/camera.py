@@ -24,8 +24,6 @@ from foldcell.robots.ports import CameraFrame, Clock, Intrinsics, frozen
 from foldcell.robots.ros.driver import CameraTopics
 from foldcell.robots.ros.node import Node
 
-__all__ = ["RosCamera", "read_colour", "read_depth", "read_intrinsics"]
-
 ANSWER_S = 4.0
 """Time within which the camera has to answer [s], by the wall and by the cell's clock."""
 SLOWEST = 10.0

@@ -14,8 +14,6 @@ from foldcell.robots.baxter.ros.topics import CLOCK
 from foldcell.robots.errors import DriverError, FailureKind
 from foldcell.robots.ros.node import Node
 
-__all__ = ["TopicClock", "WallClock", "cell_clock"]
-
 SILENCE_S = 20.0
 """If the clock of a simulated robot does not advance for this wall time, it counts as dead [s]."""
 ROUNDING = 1e-6

@@ -33,8 +33,6 @@ from foldcell.robots.errors import DriverError, FailureKind
 from foldcell.robots.ports import Clock, GripperState, Side
 from foldcell.robots.ros.node import Node
 
-__all__ = ["RosGripper"]
-
 REPEAT_S = 0.05
 DEAF_S = 2.0
 """If the robot does not answer for this time, the next command raises an error [s]."""

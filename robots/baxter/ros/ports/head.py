@@ -12,8 +12,6 @@ from foldcell.robots.errors import DriverError, FailureKind
 from foldcell.robots.ports import Clock, JointState
 from foldcell.robots.ros.node import Node
 
-__all__ = ["RosHead"]
-
 SPEED = 0.5  # fraction of full speed
 REPEAT_S = 0.05
 GIVE_UP_S = 5.0

@@ -9,8 +9,6 @@ from typing import Any, Generic, TypeVar
 from foldcell.robots.ports import Clock
 from foldcell.robots.ros.node import Node
 
-__all__ = ["LatestMessage"]
-
 SET_BACK_S = 1.0
 """A message that is older than the latest one by less than this was overtaken by it, or was repeated [s]. If it is
 older by more, the sender's clock was set back."""

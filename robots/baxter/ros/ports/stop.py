@@ -21,8 +21,6 @@ from foldcell.robots.errors import DriverError, FailureKind
 from foldcell.robots.ports import Clock, StopState
 from foldcell.robots.ros.node import Node
 
-__all__ = ["AssemblyState", "RosStop"]
-
 REPEAT_S = 0.02
 CLOSE_S = 0.5
 """Longest wall time for which `close` repeats a stop that the robot has not confirmed [s]."""

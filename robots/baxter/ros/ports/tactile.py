@@ -12,8 +12,6 @@ from foldcell.robots.baxter.ros.topics import TACTILE
 from foldcell.robots.ports import Clock, Side, TactileReading, frozen
 from foldcell.robots.ros.node import Node
 
-__all__ = ["RosTactile"]
-
 
 class RosTactile:
     """The tactile pads of one gripper. rows: rows of cells on each pad."""

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from foldcell.robots.ports import Array
 from foldcell.skills.perception.registration.boundary import sample
 
-__all__ = ["ClothPicture"]
-
 
 @dataclass(frozen=True, eq=False)
 class ClothPicture:

@@ -18,8 +18,6 @@ from foldcell.robots.ports import Array
 from foldcell.skills.perception.registration.details.cloth_picture import ClothPicture
 from foldcell.skills.perception.registration.details.wedge import Strip, Wedge, WedgePrior, fit_wedge
 
-__all__ = ["HOLLOW", "NARROW", "GapSettings", "locate_gap_end"]
-
 
 @dataclass(frozen=True)
 class GapSettings:

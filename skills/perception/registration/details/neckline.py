@@ -13,8 +13,6 @@ import numpy as np
 from foldcell.robots.ports import Array
 from foldcell.skills.perception.registration.details.cloth_picture import ClothPicture
 
-__all__ = ["locate_neckline"]
-
 # Lengths are relative to the square root of the garment's area.
 _AXIS, _HALF, _DEPTH = (-0.10, 0.101, 0.01), (0.07, 0.25, 0.01), (0.045, 0.30, 0.015)
 """Places of the arc's middle beside the body's axis, half widths of it, and depths: from, to, step."""

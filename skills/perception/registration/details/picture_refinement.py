@@ -24,8 +24,6 @@ from foldcell.skills.perception.registration.details.upper_edge import locate_up
 from foldcell.skills.perception.registration.energy import Boundary
 from foldcell.skills.perception.registration.register import Registration
 
-__all__ = ["notches", "refine_by_picture"]
-
 _Places = Mapping[str, tuple[Array, float]]
 """Name of a key point -> its place (2,) and standard deviation [m]."""
 

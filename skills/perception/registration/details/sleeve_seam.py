@@ -23,8 +23,6 @@ from foldcell.skills.perception.registration.boundary import sample
 from foldcell.skills.perception.registration.details.cloth_picture import ClothPicture
 from foldcell.skills.perception.registration.energy import Boundary
 
-__all__ = ["locate_seams"]
-
 _BOW = 0.024  # maximum sagitta of a seam [m]
 _BESIDE = 0.005  # distance of the points with which a point of the seam is compared [m]
 _MARGIN = 0.008  # distance from the outline at which a seam is looked for [m]

@@ -24,8 +24,6 @@ from foldcell.skills.perception.registration.details.cloth_picture import ClothP
 from foldcell.skills.perception.registration.details.neckline import locate_neckline
 from foldcell.skills.perception.registration.energy import Boundary
 
-__all__ = ["locate_upper_edge"]
-
 # Lengths are relative to the square root of the garment's area.
 _STEP = 0.008
 """Distance of the boundary's points."""

@@ -17,8 +17,6 @@ from scipy.special import ndtr
 
 from foldcell.robots.ports import Array
 
-__all__ = ["Strip", "Wedge", "WedgePrior", "fit_wedge"]
-
 _SHADE = 0.008
 """Width h of a gap in which the shade of the cloth fades [m]."""
 _UNIT = 0.1

@@ -9,8 +9,6 @@ import pytest
 from foldcell.cell.simulation import SimulationSettings
 from tests.simulated_bench import Bench
 
-__all__ = ["open_bench"]
-
 
 @pytest.fixture
 def open_bench() -> Iterator[Callable[[SimulationSettings, int], Bench]]:

@@ -15,8 +15,6 @@ from foldcell.robots.ports import Ports
 from foldcell.robots.ros.installation import import_ros
 from foldcell.robots.ros.node import open_node
 
-__all__ = ["PATIENCE", "Program", "Serve", "TactileRecording", "wait"]
-
 PATIENCE = 60.0  # [s] wall time
 
 

@@ -17,8 +17,6 @@ from foldcell.robots.ports import Ports, Side, arm_slice
 from foldcell.robots.ros.installation import import_ros
 from foldcell.robots.ros.node import open_node
 
-__all__ = ["CAMERA", "COMMANDS", "Connect", "HandClock", "Puppet", "wait"]
-
 Connect = Callable[..., AbstractContextManager[Ports]]
 
 PATIENCE = 60.0  # [s] wall time

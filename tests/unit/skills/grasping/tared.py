@@ -7,8 +7,6 @@ from foldcell.skills.vocabulary import Outcome
 from tests.builders.shipped_settings import GRASP
 from tests.hands import SensedHand
 
-__all__ = ["bias_of"]
-
 
 def bias_of(hand: SensedHand) -> TactileBias:
     state = TareState(GRASP)

@@ -26,8 +26,8 @@ from foldcell.skills.cloth.mesh import ClothMesh
 from foldcell.skills.fold_plan.pressing import OPENING, Dab, press_paths
 from foldcell.skills.grasping.hand_reading import HandReading
 from foldcell.skills.perception.inspection.claim import Claim
-from foldcell.skills.perception.inspection.inspect import Inspection
 from foldcell.skills.perception.inspection.moved_edge import MovedEdge
+from foldcell.skills.perception.inspection.result import Inspection
 from foldcell.skills.perception.rectification.table_view import TableView
 from foldcell.skills.vocabulary import FoldLine, FoldStep, Outcome, PredictedShape
 from tests.builders.contexts import context_with

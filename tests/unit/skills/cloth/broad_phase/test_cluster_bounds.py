@@ -7,7 +7,7 @@ import numpy as np
 from foldcell.skills.cloth.broad_phase.cluster_bounds import fit_clusters
 from foldcell.skills.cloth.clusters import LEAF, _of_few_corners
 from foldcell.skills.cloth.mesh import mesh_from_contour
-from foldcell.skills.cloth.simd.f32x16 import LANES
+from foldcell.skills.cloth.simd.i32x16 import LANES
 from foldcell.skills.cloth.state import new_pairs, new_state
 from foldcell.skills.cloth.topology import topology_of
 from tests.builders.cloth import EVERY_EDGE, call

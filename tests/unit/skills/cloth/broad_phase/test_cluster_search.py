@@ -14,7 +14,7 @@ from foldcell.skills.cloth.contact.contacts import PHASE, RELEASE, edge_distance
 from foldcell.skills.cloth.elasticity import turns
 from foldcell.skills.cloth.mesh import mesh_from_contour
 from foldcell.skills.cloth.settings import SolverSettings
-from foldcell.skills.cloth.simd.f32x16 import LANES
+from foldcell.skills.cloth.simd.i32x16 import LANES
 from foldcell.skills.cloth.solver import ClothSimulation
 from foldcell.skills.cloth.state import EE, SUBSTEP, VT, new_pairs
 from foldcell.skills.vocabulary import Material

@@ -13,7 +13,7 @@ from foldcell.skills.cloth.intersections.crossings import count_crossings
 from foldcell.skills.cloth.mesh import ClothMesh, mesh_from_contour
 from foldcell.skills.cloth.predict import predict_fold
 from foldcell.skills.cloth.settings import SolverSettings
-from foldcell.skills.cloth.simd.f32x16 import LANES
+from foldcell.skills.cloth.simd.i32x16 import LANES
 from foldcell.skills.cloth.solver import ClothSimulation
 from foldcell.skills.vocabulary import GraspId, Material, ToolPath
 from tests.builders.cloth import COTTON as MATERIAL

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from foldcell.skills.cloth.contact import vertex_sides as sides
 from foldcell.skills.cloth.contact.contacts import MAX_WAIT, RELEASE, STRAY
-from foldcell.skills.cloth.simd.f32x16 import LANES
+from foldcell.skills.cloth.simd.i32x16 import LANES
 
 THICK, SPAN, EDGE = 0.003, 0.004, 0.025
 

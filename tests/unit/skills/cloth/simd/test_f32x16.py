@@ -9,7 +9,6 @@ from numba.core.errors import TypingError
 
 from foldcell.skills.cloth.contact.corners import common_corner
 from foldcell.skills.cloth.simd.f32x16 import (
-    LANES,
     expect_columns,
     expect_rows,
     load_f32x16,
@@ -24,6 +23,7 @@ from foldcell.skills.cloth.simd.f32x16 import (
     where,
 )
 from foldcell.skills.cloth.simd.i32x16 import (
+    LANES,
     compress,
     iota,
     load_i32x16,
