@@ -5,13 +5,13 @@ BIN    := $(VENV)/bin
 # uv installs several times faster than pip: the user's own, or this version, installed into the environment.
 UV_VERSION := 0.13.9
 UV     = $(shell command -v uv || echo $(BIN)/uv)
-# Tests on all cores, neighbours on one: they share what is slow to make.
+# One worker more than cores (tests/conftest.py), neighbours on one: they share what is slow to make.
 PARALLEL := -n auto --dist worksteal
 
 # Python keeps its compiled modules, also where that is switched off: the tests start many programs.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: setup setup-dev fold test quick lint compile hil docs site lock release clean
+.PHONY: setup setup-dev fold test quick lint compile modules hil docs site lock release clean
 
 setup: $(VENV)/.installed          ## what a run needs
 setup-dev: $(VENV)/.installed-dev  ## and what the tests need
@@ -44,7 +44,7 @@ fold: setup            ## one-shot fold of a medium towel in the simulated cell
 	$(BIN)/foldcell fold medium_towel
 
 test: setup-dev        ## lint, types, layers and the whole test suite
-	$(MAKE) --jobs=2 lint compile
+	$(MAKE) --jobs=2 lint compile modules
 	$(BIN)/python -m pytest $(PARALLEL)
 
 quick: setup-dev       ## the tests that take two minutes together: no whole runs, and nothing marked long
@@ -55,6 +55,9 @@ lint: setup-dev
 
 compile: setup         ## the cloth simulation, once, instead of in each process that tests it
 	$(BIN)/foldcell optimise small_towel
+
+modules: setup-dev     ## Python's compiled modules of the tests, once, instead of in each process that runs them
+	$(BIN)/python -m pytest --collect-only -qq > /dev/null
 
 hil: setup             ## the scripted runs of tests/hil in the simulated cell
 	$(BIN)/foldcell hil tests/hil tests/hil/faults

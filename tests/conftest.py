@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import os
 import signal
 from collections.abc import Generator
 from functools import cache
@@ -11,11 +13,15 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, settings
 
+from foldcell.cell.commands.main import GARBAGE
 from tests.optional_parts import ALLOWED_SKIPS, may_be_skipped, skip_summary
 
 # A busy machine is no defect, so neither a property nor the generation of its examples has a time limit.
 settings.register_profile("untimed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("untimed")
+
+# Python looks for garbage as often as in a command. With its own number, this took a tenth of the suite's time.
+gc.set_threshold(GARBAGE)
 
 # A shell that starts the suite in the background lets it ignore SIGINT, and the commands that the tests start and
 # interrupt would inherit that.
@@ -121,6 +127,11 @@ LONG = tuple(
 assert all(place.exists() for place in LONG)
 
 
+def pytest_xdist_auto_num_workers() -> int:
+    """One worker more than cores: tests in real time, and those that start programs, mostly wait."""
+    return len(os.sched_getaffinity(0)) + 1
+
+
 @cache
 def is_in(path: Path, places: tuple[Path, ...]) -> bool:
     """Whether a file of tests is one of `places`, or in one of them. Each file has many tests."""
@@ -135,6 +146,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     # Cloth comes last: by then the worker with the whole runs has compiled the solver, which takes a minute.
     cloth = tuple(UNIT / place for place in COMPUTES_CLOTH)
     items.sort(key=lambda item: is_in(item.path, cloth))
+
+
+def pytest_collection_finish() -> None:
+    """The collected tests stay to the end, so no search for garbage goes through them."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
