@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from typing import NoReturn
 
 from foldcell.cell.config.cell_settings import CellSettings
@@ -14,7 +14,7 @@ from foldcell.cell.hardware.driver import OpenCell, opened_cell, simulation_sett
 from foldcell.cell.hardware.driver_names import DRIVERS
 from foldcell.cell.hardware.robot_model import load_robot
 from foldcell.cell.simulation import Fault, FaultKind
-from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.errors import CellError, ConfigurationError
 from foldcell.robots.model import JointLimits
 from foldcell.robots.ports import BoardPlace, Ports
 from foldcell.robots.registry import find_robot
@@ -52,24 +52,36 @@ def _opened(driver: str, settings: CellSettings, limits: JointLimits) -> Iterato
         with opened_cell(driver, simulation, 0, settings, lambda stop: _Nobody()) as cell:
             yield cell
         return
-    with _factory(driver)(limits) as ports:
-        yield OpenCell(ports)
-
-
-def _factory(driver: str) -> Factory:
     module, colon, name = driver.partition(":")
     if not colon:
         raise ConfigurationError(
             f"there is no driver '{driver}'", f"it is one of {', '.join(DRIVERS)}, or MODULE:FACTORY"
         )
+    closing = ExitStack()
     try:
-        factory: Factory = getattr(importlib.import_module(module), name)
-    except Exception as error:  # the code of another package
+        with _others_code(driver, "opened"):
+            factory: Factory = getattr(importlib.import_module(module), name)
+            ports = closing.enter_context(factory(limits))
+            if not isinstance(ports, Ports):
+                raise TypeError(f"it yields {type(ports).__name__}, not Ports")
+        yield OpenCell(ports)
+    finally:
+        with _others_code(driver, "closed"):
+            closing.close()
+
+
+@contextmanager
+def _others_code(driver: str, done: str) -> Iterator[None]:
+    """Turn an exception of the driver's own code into ConfigurationError. done: opened, or closed."""
+    try:
+        yield
+    except CellError:
+        raise
+    except Exception as error:
         raise ConfigurationError(
-            f"the driver '{driver}' cannot be loaded: {type(error).__name__}: {error}",
-            "MODULE is importable from here, and has the function FACTORY(limits)",
+            f"the driver '{driver}' cannot be {done}: {type(error).__name__}: {error}",
+            "MODULE is importable from here, and FACTORY(limits) is a context manager that yields Ports",
         ) from error
-    return factory
 
 
 def _interruption(cell: OpenCell) -> Callable[[float], None]:

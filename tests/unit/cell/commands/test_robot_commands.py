@@ -88,10 +88,23 @@ def test_the_documented_driver_is_that_of_the_skeleton(folder: Path) -> None:
     assert [line for line in example.splitlines() if line not in written.splitlines()] == []
 
 
-@pytest.mark.parametrize("driver", ["rso", "no_such_package:connect", "json:connect"])
-def test_a_driver_that_cannot_be_loaded_is_refused(driver: str, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("driver", "why"),
+    [
+        ("rso", ""),
+        ("no_such_package:connect", "ModuleNotFoundError"),
+        ("json:connect", "AttributeError"),
+        ("time:time", "TypeError"),
+        ("builtins:repr", "does not support the context manager protocol"),
+        ("contextlib:nullcontext", "it yields JointLimits, not Ports"),
+    ],
+)
+def test_a_driver_that_cannot_be_opened_is_refused(
+    driver: str, why: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["robot", "check", "ur5_pair", "--driver", driver]) == 64
-    assert driver in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert driver in said and why in said
 
 
 def test_its_own_tests_pass(installed: Path) -> None:
