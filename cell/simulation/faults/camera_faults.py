@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -18,6 +19,11 @@ from foldcell.robots.ports import CameraFrame, frozen
 PATCH = 0.08
 """Largest radius of a patch without depth, as a share of the picture's width."""
 
+IN_A_ROW_S = 0.5
+"""Longest time between two pictures in a row [s]."""
+A_STILL = 3
+"""So many single exposures in a row are taken for a still picture, whose depth the driver averages."""
+
 K = FaultKind
 
 
@@ -28,6 +34,10 @@ class CameraFaults:
         self._board, self._camera = board, camera
         self._still: CameraFrame | None = None
         """The last still picture."""
+        self._takes_stills = False
+        """False if the driver averages exposures itself: it then takes single exposures in a row."""
+        self._in_a_row, self._last = 0, -math.inf
+        """Number of pictures in a row, and the stamp of the last one [s]."""
 
     def take(self, exposures: int, slabs: Sequence[Slab] = ()) -> CameraFrame:
         """Take a picture of several exposures; one exposure is a glimpse, more are a still. slabs: objects that
@@ -40,8 +50,12 @@ class CameraFaults:
         frame = camera.capture(exposures, slabs)
         if old is not None and self._still is not None:
             frame = replace(self._still, stamp=frame.stamp, sequence=frame.sequence)
-        elif exposures > 1:
-            self._still = frame
+        else:
+            self._takes_stills |= exposures > 1
+            self._in_a_row = self._in_a_row + 1 if frame.stamp - self._last <= IN_A_ROW_S else 1
+            self._last = frame.stamp
+            if exposures > 1 or (self._in_a_row >= A_STILL and not self._takes_stills):
+                self._still = frame
         return frame if board.empty else self._altered(frame)
 
     def lateness(self) -> float:

@@ -70,6 +70,14 @@ def test_an_old_picture_has_a_fresh_stamp_and_number() -> None:
     assert new.rgb[0, 0, 0] == 40 and (new.stamp, new.sequence) == (4.0, 4)
 
 
+def test_an_old_picture_of_a_driver_that_averages_exposures_is_the_last_of_a_row() -> None:
+    watched = Watched(K.CAMERA_OLD_PICTURE, duration=2.0)
+    greys = [watched.take(t, exposures=1).rgb[0, 0, 0] for t in (0.0, 0.1, 0.2, 0.9)]  # the last one is a glimpse
+    old = watched.take(1.5, exposures=1)
+    assert greys == [0, 1, 2, 9] and old.rgb[0, 0, 0] == 2
+    assert (old.stamp, old.sequence) == (1.5, 5)
+
+
 def test_a_frozen_camera_repeats_picture_and_stamp() -> None:
     watched = Watched(K.CAMERA_FREEZE, duration=2.0)
     first = watched.take(0.5)
