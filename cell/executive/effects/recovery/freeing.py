@@ -19,7 +19,7 @@ from foldcell.cell.executive.effects.recovery.ways_out import FREEING, FREEING_T
 from foldcell.cell.hardware.workcell import Workcell
 from foldcell.robots.errors import DriverError, Failure, FailureKind
 from foldcell.robots.ports import ArmTrajectory, Side
-from foldcell.skills.grasping.empty_hand import EmptyCheck, check_empty
+from foldcell.skills.grasping.empty_hand import CLEAR, CLEAR_OF_CREASE, EmptyCheck, check_empty
 from foldcell.skills.grasping.hand_reading import GripCommand, HandReading
 from foldcell.skills.grasping.release import RELEASE_FORCE, RELEASE_TOLERANCE
 from foldcell.skills.grasping.stuck_on_finger import (
@@ -49,8 +49,21 @@ WEIGHED = 0.03
 Check = EmptyCheck | StuckCheck
 
 
+@dataclass(frozen=True)
+class ReleasedCloth:
+    """layer: smallest thickness of a layer between the pads [m]. creased: whether a crease of an earlier fold may
+    stand up beside the pads."""
+
+    layer: float
+    creased: bool
+
+
 def leave_freely(
-    cell: Workcell, way: Retreat, biases: Mapping[Side, TactileBias], layer: float, control: PathControl
+    cell: Workcell,
+    way: Retreat,
+    biases: Mapping[Side, TactileBias],
+    cloth: ReleasedCloth,
+    control: PathControl,
 ) -> Outcome[tuple[Mapping[str, object], ...]]:
     """Lead the hands up and to the parked posture, and check that no cloth stays on a finger. While the hands
     rise, they close and open in the air. Above the garment, the weight on the pads is measured. The check goes on
@@ -58,15 +71,14 @@ def leave_freely(
     along.
 
     If cloth stays on a finger, the hands go back along the same way, so that the cloth lies about as it was
-    released. The caught hand closes and opens there, and both leave again. layer: smallest thickness of a layer
-    between the pads [m].
+    released. The caught hand closes and opens there, and both leave again.
 
     Returns figures for each time that cloth was felt. Failures: STUCK_ON_FINGER after FREEING_TRIES, those of the
     motions.
     """
     up, home = way.retreat, way.park
     felt: list[Mapping[str, object]] = []
-    failure = _rise(cell, up, biases, layer, control) or move(
+    failure = _rise(cell, up, biases, cloth, control) or move(
         cell, home, control=control, watch=_dragging(cell, biases)
     )
     for _ in range(FREEING_TRIES):
@@ -79,7 +91,7 @@ def leave_freely(
         failure = (
             _lead(cell, Course(np.vstack([up.q, home.q])[::-1], FREEING_SPEED), control)
             or _close_and_open(cell, caught)
-            or _rise_again(cell, up, biases, layer, control)
+            or _rise_again(cell, up, biases, cloth, control)
             or _lead(cell, Course(home.q, FREEING_SPEED, False, _dragging(cell, biases)), control)
         )
     return Outcome(failure=failure) if failure else Outcome(tuple(felt))
@@ -91,27 +103,36 @@ def _risen(cell: Workcell, up: ArmTrajectory, side: Side) -> float:
 
 
 def _rise(
-    cell: Workcell, up: ArmTrajectory, biases: Mapping[Side, TactileBias], layer: float, control: PathControl
+    cell: Workcell,
+    up: ArmTrajectory,
+    biases: Mapping[Side, TactileBias],
+    cloth: ReleasedCloth,
+    control: PathControl,
 ) -> Failure | None:
     """Rise, and check the hands on the way. They finish the checks at rest."""
-    checks = _HandChecks(cell, biases, *_first_checks(cell, up, biases, layer))
+    checks = _HandChecks(cell, biases, *_first_checks(cell, up, biases, cloth))
     return move(cell, up, fingertips=True, control=control, watch=checks.look) or checks.finish()
 
 
 def _rise_again(
-    cell: Workcell, up: ArmTrajectory, biases: Mapping[Side, TactileBias], layer: float, control: PathControl
+    cell: Workcell,
+    up: ArmTrajectory,
+    biases: Mapping[Side, TactileBias],
+    cloth: ReleasedCloth,
+    control: PathControl,
 ) -> Failure | None:
     unsettled = come_to_rest(cell.ports, cell.execution, cell.last_command)
     planned = along(cell, Course(up.q, CAREFUL_SPEED))
     failure = unsettled or planned.failure
-    return failure or _rise(cell, planned.unwrap()[0][0], biases, layer, control)
+    return failure or _rise(cell, planned.unwrap()[0][0], biases, cloth, control)
 
 
 def _first_checks(
-    cell: Workcell, up: ArmTrajectory, biases: Mapping[Side, TactileBias], layer: float
+    cell: Workcell, up: ArmTrajectory, biases: Mapping[Side, TactileBias], cloth: ReleasedCloth
 ) -> tuple[dict[Side, Check], dict[Side, float]]:
     """Return the first check of each hand, and the height from which it is weighed [m]. A hand closes only if it
     rises far enough, and is open as after a release."""
+    clear = CLEAR_OF_CREASE if cloth.creased else CLEAR
     checks: dict[Side, Check] = {}
     heights: dict[Side, float] = {}
     for side, bias in biases.items():
@@ -120,7 +141,7 @@ def _first_checks(
         ready = gripper.calibrated and not gripper.in_error and LET_GO <= gripper.opening <= WIDEST
         closes = ready and high - low >= LEAST_RISE
         checks[side] = (
-            EmptyCheck(cell.grasp, bias, layer, low + ABOVE, RELEASE_OPENING)
+            EmptyCheck(cell.grasp, bias, cloth.layer, low + ABOVE, RELEASE_OPENING, clear)
             if closes
             else StuckCheck(cell.grasp, bias)
         )

@@ -23,7 +23,7 @@ from foldcell.robots.model import JointLimits
 from foldcell.robots.ports import ArmTrajectory, Side, arm_slice
 from foldcell.skills.fold_plan import pressing
 from foldcell.skills.grasping.confirm import Held, LayerCount
-from foldcell.skills.grasping.empty_hand import NARROW
+from foldcell.skills.grasping.empty_hand import CLEAR, CLEAR_OF_CREASE, NARROW
 from foldcell.skills.grasping.tare import TactileBias
 from foldcell.skills.motion.moves.grasp import Descent
 from foldcell.skills.motion.timing.jerk_limiter import JerkLimiter
@@ -363,13 +363,21 @@ def rising(
 
 
 UNLOADED = dict.fromkeys(Side, TactileBias(0.0, np.zeros((2, 4, 3)), np.zeros(2), 0.01))
+FLAT = freeing.ReleasedCloth(0.0008, creased=False)
 
 
-def test_empty_hands_close_and_open_again_while_they_rise(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("creased", "clear"), [(False, CLEAR), (True, CLEAR_OF_CREASE)])
+def test_empty_hands_close_and_open_again_while_they_rise(
+    creased: bool, clear: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They meet above the crease of an earlier fold, which may stand up between them."""
     cell, workcell, up, commands = rising(monkeypatch, {})
-    assert freeing._rise(workcell, up, UNLOADED, 0.0008, checked_motion.pausable(workcell)) is None
+    cloth = replace(FLAT, creased=creased)
+    assert freeing._rise(workcell, up, UNLOADED, cloth, checked_motion.pausable(workcell)) is None
     assert {side for side, _, _ in commands} == set(Side)
     assert all(height >= freeing.ABOVE for _, _, height in commands)
+    met = [height for _, opening, height in commands if opening < NARROW]
+    assert min(met) == pytest.approx(freeing.ABOVE + clear, abs=0.002)
     assert cell.openings == dict.fromkeys(Side, parking.RELEASE_OPENING) and cell.q == pytest.approx(0.1)
     assert cell.now < 0.9, "the check takes no time after the rise"
 
@@ -377,7 +385,7 @@ def test_empty_hands_close_and_open_again_while_they_rise(monkeypatch: pytest.Mo
 @pytest.mark.parametrize("side", Side)
 def test_a_hand_that_closes_on_cloth_while_it_rises_keeps_it(side: Side, monkeypatch: pytest.MonkeyPatch) -> None:
     cell, workcell, up, commands = rising(monkeypatch, {side: 0.0008})
-    failure = freeing._rise(workcell, up, UNLOADED, 0.0008, checked_motion.pausable(workcell))
+    failure = freeing._rise(workcell, up, UNLOADED, FLAT, checked_motion.pausable(workcell))
     assert failure is not None and failure.kind is FailureKind.STUCK_ON_FINGER
     assert failure.values["side"] == side.value
     closed = [opening for s, opening, _ in commands if s is side]
@@ -387,7 +395,7 @@ def test_a_hand_that_closes_on_cloth_while_it_rises_keeps_it(side: Side, monkeyp
 def test_in_a_pause_no_hand_is_commanded_or_judged(monkeypatch: pytest.MonkeyPatch) -> None:
     """A person may touch the hands meanwhile. The clock of the path shows that the arms rest."""
     cell, workcell, up, commands = rising(monkeypatch, {side: 0.0008 for side in Side})
-    checks = freeing._HandChecks(workcell, UNLOADED, *freeing._first_checks(workcell, up, UNLOADED, 0.0008))
+    checks = freeing._HandChecks(workcell, UNLOADED, *freeing._first_checks(workcell, up, UNLOADED, FLAT))
     dragging = freeing._dragging(workcell, UNLOADED)
 
     def tick(t: float) -> Tick:
@@ -414,7 +422,7 @@ def test_only_a_hand_that_rises_and_obeys_closes(monkeypatch: pytest.MonkeyPatch
         raise DriverError(FailureKind.GRIPPER_FAULT, "it reports an error")
 
     monkeypatch.setattr(workcell.ports.grippers[Side.LEFT], "command", refuse)
-    assert freeing._rise(workcell, up, UNLOADED, 0.0008, checked_motion.pausable(workcell)) is None
+    assert freeing._rise(workcell, up, UNLOADED, FLAT, checked_motion.pausable(workcell)) is None
     assert not commands and cell.openings == dict.fromkeys(Side, 0.02)
 
 
@@ -426,14 +434,14 @@ def test_a_hand_that_is_in_error_or_not_calibrated_gets_no_command_while_it_rise
     left = workcell.ports.grippers[Side.LEFT]
     seen = left.state
     monkeypatch.setattr(left, "state", lambda: replace(seen(), **state))  # type: ignore[arg-type]
-    assert freeing._rise(workcell, up, UNLOADED, 0.0008, checked_motion.pausable(workcell)) is None
+    assert freeing._rise(workcell, up, UNLOADED, FLAT, checked_motion.pausable(workcell)) is None
     assert {side for side, _, _ in commands} == {Side.RIGHT}
 
 
 def test_hands_that_have_pressed_a_crease_do_not_close_on_it(monkeypatch: pytest.MonkeyPatch) -> None:
     cell, workcell, up, commands = rising(monkeypatch, {})
     cell.openings = dict.fromkeys(Side, pressing.OPENING)
-    assert freeing._rise(workcell, up, UNLOADED, 0.0008, checked_motion.pausable(workcell)) is None
+    assert freeing._rise(workcell, up, UNLOADED, FLAT, checked_motion.pausable(workcell)) is None
     assert not commands
 
 
@@ -452,7 +460,7 @@ def test_a_hand_that_closed_and_does_not_open_may_hold_cloth(
     control = checked_motion.pausable(workcell)
     if kind is FailureKind.STOPPED:
         with pytest.raises(DriverError):
-            freeing._rise(workcell, up, UNLOADED, 0.0008, control)
+            freeing._rise(workcell, up, UNLOADED, FLAT, control)
         return
-    failure = freeing._rise(workcell, up, UNLOADED, 0.0008, control)
+    failure = freeing._rise(workcell, up, UNLOADED, FLAT, control)
     assert failure is not None and "may hold the garment" in failure.what
