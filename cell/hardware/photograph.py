@@ -20,7 +20,7 @@ from foldcell.skills.perception.perceive import Perception, Sought, perceive
 from foldcell.skills.perception.rectification.table_view import TableView
 from foldcell.skills.vocabulary import CameraCalibration, Outcome, Table
 
-LEAST_CONFIDENCE = {"m": 0.6, "px": 0.5}
+LEAST_CONFIDENCE = {"m": 0.6, "px": 0.43}
 """Least accepted probability that the key points in a photograph are accurate: within 10 mm, or within 2 % where
 the scale is unknown. It is higher than in a run, because a garment file that is made from them is used again and
 again."""

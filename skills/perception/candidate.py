@@ -20,7 +20,7 @@ POLYGON_IOU = 0.91
 FREE_POLYGON_IOU, UNNAMED_IOU = 0.86, 0.93
 """Minimum overlap in a photograph, where limbs may be bent as well as swung; and if no garment was named, because
 any shape with four corners resembles a towel."""
-MEMBER_IOU, MOST_STRAIN = 0.90, 0.63
+MEMBER_IOU, MOST_STRAIN = 0.90, 0.60
 """Minimum overlap of a member of a family, which has bends, and its maximum strain. A member with very unusual
 figures resembles any outline, such as a rectangular print."""
 MAX_DISTORTION = 0.20

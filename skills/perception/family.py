@@ -206,6 +206,9 @@ _POSE = 4
 """Number of parameters of the pose."""
 _BEND_SIGMA = 0.05
 """Standard deviation of a bend from a straight edge, relative to the garment's length."""
+_MOST_COUNTED = 9.0
+"""A squared deviation counts at most as this in the strain: a single figure may be very unusual, as the round top
+of a real sleeve beside the body."""
 _CROSSED = 1.5
 """Factor of the cost of an outline that crosses itself, as that of a sleeve which lies beside the body can."""
 _PRIOR_COST = 1e-4
@@ -297,7 +300,7 @@ class _Search:
             model.template(chosen),
             self.scale * polygon,
             np.array([names.index(name) if name in names else -1 for name in model.vertices]),
-            float((model.prior(chosen) ** 2).mean()),
+            float(np.minimum(model.prior(chosen) ** 2, _MOST_COUNTED).mean()),
         )
 
 

@@ -437,15 +437,13 @@ def _judged(
     iou = polygon_iou(registration.contour, contour)
     fit = fit_quality(segmentation, iou, registration)
     sigmas = keypoint_sigmas(registration, nominal, contour)
-    within = ACCURATE_WITHIN * registration.scale
-    if not settings.size_known:
+    if settings.size_known:
+        confidence = probability_within(sigmas, ACCURATE_WITHIN * registration.scale)
+    else:
         diagonal = float(np.linalg.norm(np.ptp([*registration.keypoints.values()], axis=0)))
-        within = ACCURATE_SHARE * diagonal
         if isinstance(garment, MemberOutline):
             sigmas = with_shape(sigmas, garment, diagonal)
-    confidence = probability_within(sigmas, within)
-    if not settings.size_known:
-        confidence = in_photograph(confidence)
+        confidence = in_photograph(probability_within(sigmas, ACCURATE_SHARE * diagonal))
     stages.notes |= {
         "iou": iou,
         "scale": match.scale,
