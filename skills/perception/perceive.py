@@ -78,8 +78,10 @@ more than the second (intersection over union) show the same thing. One that is 
 something else, too. One that covers more than the fourth share is most of it."""
 UNLIKE = 0.8
 """A region that overlaps with no garment by more than this may be a print on the ground."""
-TOO_NEAR = 0.01
-"""If the likeness of another category is within this of the best one's, the garment is not recognised."""
+TOO_NEAR, TOO_FAR = 0.01, 0.04
+"""If the likeness of another category is within the first of the best one's, the garment is not recognised. Neither
+is it if a category that does not fit, as a towel of unusual proportions, is ahead by more than the second: of narrow
+skirts, towels were ahead by up to 0.03."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -392,14 +394,15 @@ def _perceive_region(
             rivals.setdefault(match.garment.category, match)
     judged_as = {name: judged(match) for name, match in rivals.items()}
     # A category whose key points are uncertain is a doubt; one that does not fit the region is none.
+    ranked = sorted(rivals, key=lambda name: likeness(rivals[name]), reverse=True)
     near = [
         name
-        for name, found in judged_as.items()
-        if found.outcome.failure is None or "sigma_m" in found.outcome.failure.values
+        for name in ranked
+        if (failure := judged_as[name].outcome.failure) is None or "sigma_m" in failure.values
     ]
-    if not near:
-        return judged_as[best.garment.category]
-    first, *others = sorted(near, key=lambda name: likeness(rivals[name]), reverse=True)
+    if not near or likeness(rivals[near[0]]) < likeness(rivals[ranked[0]]) - TOO_FAR:
+        return judged_as[ranked[0]]
+    first, *others = near
     if others and likeness(rivals[others[0]]) > likeness(rivals[first]) - TOO_NEAR:
         return look(either(rivals[first], rivals[others[0]]), judged_as[first].places)
     # Without places, because a print tells less than a garment that the picture's edge cuts off.

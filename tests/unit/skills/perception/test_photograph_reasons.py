@@ -71,6 +71,13 @@ def test_cloth_whose_edges_rise_is_no_print_on_the_ground() -> None:
     assert failure is not None and failure.kind is FailureKind.NOT_FLAT
 
 
+def test_a_rectangle_too_long_for_a_towel_is_no_skirt() -> None:
+    """It resembles a towel more than any skirt, so that a skirt's fit does not count."""
+    long = np.array([[100, 100], [520, 110], [514, 300], [96, 290]])
+    failure = foldcell.perceive(photograph((long, BLUE)), unit="px").failure
+    assert failure is not None and "towel" in failure.what and "proportions" in failure.what
+
+
 def test_a_small_rectangle_is_a_towel_only_if_it_is_named() -> None:
     small = np.array([[220, 150], [400, 155], [397, 278], [218, 272]])
     picture = photograph((small, BLUE), relief=0.5)
