@@ -79,8 +79,8 @@ something else, too. One that covers more than the fourth share is most of it.""
 UNLIKE = 0.8
 """A region that overlaps with no garment by more than this may be a print on the ground."""
 TOO_NEAR, TOO_FAR = 0.01, 0.04
-"""If the likeness of another category is within the first of the best one's, the garment is not recognised. Neither
-is it if a category that does not fit, as a towel of unusual proportions, is ahead by more than the second: of narrow
+"""If the likeness of another category is within the first of the best one's, the garment is not recognised. Nor is
+it if a category that does not fit, as a towel of unusual proportions, is ahead by more than the second: of narrow
 skirts, towels were ahead by up to 0.03."""
 
 
