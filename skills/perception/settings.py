@@ -12,8 +12,6 @@ MIN_SEGMENTATION = 0.5
 """Minimum confidence of a segmentation."""
 LITTER_SHARE = 0.08
 """Maximum area of other objects on the table, relative to the area of the garment."""
-INTRUDER_SHARE = 0.02
-"""Maximum area of objects that reach into the picture from its edge, relative to the area of the garment."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -195,6 +195,4 @@ def intrusion(segmentation: Segmentation, view: TableView, margin: int) -> Failu
 
 def touches_border(mask: NDArray[np.bool_], valid: NDArray[np.bool_], margin: int) -> bool:
     """Whether a region comes within `margin` pixels of the border of the valid view."""
-    size = 2 * margin + 1
-    inner = cv2.erode(valid.astype(np.uint8), np.ones((size, size), np.uint8), borderValue=0) > 0
-    return bool((mask & ~inner).any())
+    return bool((mask & ~eroded(valid, margin)).any())
