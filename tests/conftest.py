@@ -31,6 +31,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 UNIT = Path(__file__).parent / "unit"
 COMPUTES_CLOTH = (
     "benchmarks/test_bench_cloth.py",
+    "benchmarks/test_calibrated.py",
     "benchmarks/test_claim_matrix.py",
     "benchmarks/test_ideal_folds.py",
     "calibration/test_crease.py",

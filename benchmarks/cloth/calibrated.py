@@ -13,13 +13,22 @@ from benchmarks.cloth import Tell
 from foldcell.calibration.friction import calibrate_friction
 from foldcell.calibration.identify import identify_friction, predict_candidates, silhouette
 from foldcell.calibration.shear import calibrate_shear, clip_and_lowest, elongations
-from foldcell.cell.commands.calibrate.paper import PAPER
 from foldcell.cell.config.garments.garment_file import load_garment
 from foldcell.skills.cloth.mesh import mesh_from_contour
 from foldcell.skills.cloth.predict import predict_fold
 from foldcell.skills.trajectory.arcs.paths import fold_paths
 from foldcell.skills.vocabulary import GraspId, Material
 
+PAPER = {
+    "long_sleeve_shirt_large": (2.9, 24.3),
+    "long_sleeve_shirt_small": (2.9, 24.7),
+    "jeans": (2.9, 19.1),
+    "pants": (1.7, 21.9),
+    "large_towel": (2.2, 18.7),
+    "medium_towel": (3.1, 22.3),
+    "small_towel": (1.1, 24.3),
+}
+"""Stretch [%] and friction angle [degrees] in the table of garments of Li et al. 2015."""
 OTHERS = {1: (0.015, 0.030), 2: (0.030,)}
 """Edge lengths [m] of the other meshes on which a garment is calibrated, by its number of layers. Garments of two
 layers have one such mesh, because their calibration takes long."""

@@ -28,7 +28,7 @@ COMMANDS: Mapping[str, tuple[str | tuple[str, ...], str]] = {
     "optimise": ("skill.optimise", "find the trajectories of a garment's folds by cloth simulation"),
     "library": (("library.build", "library.show"), "build or show the library of optimised trajectories"),
     "calibrate": (
-        ("calibrate.board", "calibrate.cell_calibrations", "calibrate.fabric_calibrations", "calibrate.paper"),
+        ("calibrate.board", "calibrate.cell_calibrations", "calibrate.fabric_calibrations"),
         "measure a property of the cell or a fabric and write it to a file",
     ),
     "garment": (
@@ -47,7 +47,6 @@ COMMANDS: Mapping[str, tuple[str | tuple[str, ...], str]] = {
     "reset": ("run.reset", "reset the robot's stop after its cause is cleared (driver ros)"),
     "bench": ("installation.bench", "measure a part of the program and its peers"),
     "doctor": ("installation.doctor", "check the installation: what is missing, and what to do"),
-    "chart": ("installation.chart", "draw the chart of the states (needs Graphviz)"),
 }
 """Name of each command -> its module in `cell.commands`, and its help text. The module has `add_options(parser)`
 and `run(options)`. A command with actions has a tuple of modules; each has `add_options(actions)`, which adds one

@@ -1,8 +1,8 @@
 """The state machine of cell/states/transition_table.py: it receives an event and returns the effect to perform.
 
 It has one thread, no clock, no I/O and no callbacks. The `transitions` library stores the rows, makes the
-transitions, and draws the chart (draw_state_chart.py). This module adds the rows outside the working flow (stop,
-crash, abort, pause) for every working state.
+transitions, and draws the chart (benchmarks/state_chart.py). This module adds the rows outside the working flow
+(stop, crash, abort, pause) for every working state.
 """
 
 from __future__ import annotations

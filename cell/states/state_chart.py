@@ -1,6 +1,6 @@
 """The state chart as SVG for pages, with the states of a run marked on it.
 
-`foldcell chart` draws `state_chart.svg` from the table (cell/executive/draw_state_chart.py).
+`python -m benchmarks.state_chart` draws `state_chart.svg` from the table.
 """
 
 from __future__ import annotations

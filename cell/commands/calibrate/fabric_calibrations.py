@@ -9,8 +9,8 @@ from dataclasses import replace
 from foldcell.calibration.bending import calibrate_bending
 from foldcell.calibration.crease import calibrate_crease
 from foldcell.calibration.free_fold import calibrate_free_fold
-from foldcell.calibration.friction import FrictionCalibration, calibrate_friction
-from foldcell.calibration.shear import ShearCalibration, calibrate_shear, clip_and_lowest
+from foldcell.calibration.friction import calibrate_friction
+from foldcell.calibration.shear import calibrate_shear, clip_and_lowest
 from foldcell.cell.commands.calibrate.run_on_fabric import (
     FabricTest,
     Tell,
@@ -70,8 +70,12 @@ def add_options(actions: Commands) -> None:
 
 
 def _shear(garment: Garment, options: argparse.Namespace, surface: str, tell: Tell) -> FabricTest:
-    test = hang_test(garment, options.l1, options.l2, options.held, tell)
     l1, l2 = options.l1, options.l2
+    test = calibrate_shear(
+        garment.template, garment.keypoints, garment.layers, garment.material, l1, l2, options.held,
+        garment.size_range, tell, garment.mesh_edge_m,
+    )  # fmt: skip
+    fabric = replace(garment.material, stretch_fraction=test.strip_stretch)
     return FabricTest(
         values={"stretch_fraction": round(test.stretch_fraction, 5), "hang_drop": round(test.hang_drop, 4)},
         measured={"stretch_fraction": provenance(f"L1 {l1:g} m, L2 {l2:g} m, hung by {_held(garment, options)}")},
@@ -80,7 +84,7 @@ def _shear(garment: Garment, options: argparse.Namespace, surface: str, tell: Te
             "l1_m": l1, "l2_m": l2, "stretch_fraction": test.stretch_fraction,
             "simulated_stretch_fraction": test.simulated, "simulated_spread": test.spread,
             "hang_drop_m": test.hang_drop,
-            "strip_stretch_fraction": test.strip_stretch, "membrane_modulus_N_per_m": modulus(garment, test),
+            "strip_stretch_fraction": test.strip_stretch, "membrane_modulus_N_per_m": membrane_modulus(fabric),
             "hung_by": _held(garment, options), "simulations": test.simulations,
         },
         agrees=abs(test.simulated - test.stretch_fraction) <= 1e-3,
@@ -88,32 +92,13 @@ def _shear(garment: Garment, options: argparse.Namespace, surface: str, tell: Te
     )  # fmt: skip
 
 
-def hang_test(garment: Garment, l1: float, l2: float, held: str | None, tell: Tell) -> ShearCalibration:
-    return calibrate_shear(
-        garment.template,
-        garment.keypoints,
-        garment.layers,
-        garment.material,
-        l1,
-        l2,
-        held,
-        garment.size_range,
-        tell,
-        garment.mesh_edge_m,
-    )
-
-
 def _held(garment: Garment, options: argparse.Namespace) -> str:
     return garment.keypoints[clip_and_lowest(garment.template, garment.keypoints, options.held)[0]]
 
 
-def modulus(garment: Garment, test: ShearCalibration) -> float:
-    return membrane_modulus(replace(garment.material, stretch_fraction=test.strip_stretch))
-
-
 def _friction(garment: Garment, options: argparse.Namespace, surface: str, tell: Tell) -> FabricTest:
     height, length = options.height, options.length
-    test = tilt_test(garment, height, length, tell)
+    test = calibrate_friction(garment.template, garment.layers, garment.material, height, length, tell)
     degrees = math.degrees(test.angle)
     return FabricTest(
         values={"friction_angle_deg": {surface: round(degrees, 3)}},
@@ -126,10 +111,6 @@ def _friction(garment: Garment, options: argparse.Namespace, surface: str, tell:
         agrees=test.agrees,
         record=lambda view, path: view.record_friction(path, test),
     )  # fmt: skip
-
-
-def tilt_test(garment: Garment, height: float, length: float, tell: Tell) -> FrictionCalibration:
-    return calibrate_friction(garment.template, garment.layers, garment.material, height, length, tell)
 
 
 def _bending(garment: Garment, options: argparse.Namespace, surface: str, tell: Tell) -> FabricTest:

@@ -52,16 +52,6 @@ class FabricTest:
 Measure = Callable[[Garment, argparse.Namespace, str, Tell], FabricTest]
 
 
-def add_action(
-    actions: Commands, name: str, about: str, run: Callable[[argparse.Namespace], int]
-) -> argparse.ArgumentParser:
-    """Add the command, with the flags that all calibrations of a fabric have."""
-    action = add_command(actions, name, about, run)
-    cell_option(action)
-    logs_option(action)
-    return action
-
-
 def add_garment_action(
     actions: Commands,
     name: str,
@@ -75,7 +65,9 @@ def add_garment_action(
     quantities: flag -> (placeholder, help text) of each quantity that the operator measures. any_surface: whether
     the garment file may lack the table's surface.
     """
-    action = add_action(actions, name, about, lambda options: _run(options, name, measure, any_surface))
+    action = add_command(actions, name, about, lambda options: _run(options, name, measure, any_surface))
+    cell_option(action)
+    logs_option(action)
     action.add_argument("garment", metavar="GARMENT", help="name or file")
     for option, (metavar, help_text) in quantities.items():
         action.add_argument(option, type=float, required=True, metavar=metavar, help=help_text)

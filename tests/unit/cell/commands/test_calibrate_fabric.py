@@ -97,7 +97,6 @@ def test_calibrate_shear_writes_the_stretch_of_the_reference_strip(call):
         ("bending", "small_towel", "--overhang", 0.04, "--output", shipped_garment_path("small_towel")),
         ("bending", "small_towel", "--overhang", 0.04, "--output", "/no/such/folder/x.yaml"),
         ("bending", "small_towel", "--overhang", 0.04, "--output", "x.txt"),
-        ("paper", "tablecloth"),
     ],
 )
 def test_a_bad_call_is_refused_and_writes_nothing(call, tmp_path, line):
@@ -139,17 +138,3 @@ def test_an_edit_preserves_layout_and_unindented_comments():
 def test_a_value_out_of_range_writes_no_file():
     with pytest.raises(ConfigurationError):
         with_material(SHIPPED, "mine", {"bending_length": 3.0}, {}, ())
-
-
-def test_the_papers_table_is_calibrated_and_written(call, tmp_path):
-    code, told = call("paper", "small_towel", "--output", tmp_path)
-    assert code == 0
-    (row,) = told["garments"]
-    assert row["simulated_stretch_percent"] == pytest.approx(row["paper_stretch_percent"], abs=0.1)
-    assert row["simulated_friction"] == pytest.approx(row["friction"], rel=0.02)
-    assert load_garment(tmp_path / "small_towel.yaml").material.stretch_fraction == pytest.approx(
-        0.011 * REFERENCE_DROP / row["hang_drop_m"], rel=1e-3
-    )
-    assert call("paper", "small_towel", "--output", tmp_path)[0] == 64
-    assert call("paper", "small_towel", "--output", tmp_path / "nowhere")[0] == 64
-    assert not (tmp_path / "nowhere").exists()

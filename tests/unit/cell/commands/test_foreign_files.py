@@ -13,7 +13,6 @@ import yaml
 from foldcell.cell.commands.main import main
 from foldcell.cell.config.calibration_file import table_text
 from foldcell.cell.config.garments.garment_file import shipped_garment_path
-from foldcell.cell.states.state_chart import CHART
 from foldcell.cell.support.junit import junit_text
 from foldcell.skills.trajectory.export import MARKS, tool_poses_text
 from foldcell.skills.trajectory.trajectory_library import Library, to_json
@@ -83,7 +82,6 @@ WRITERS: dict[str, tuple[str, Line]] = {
     "junit": ("script.yaml", lambda _, file: ["hil", str(file), "--junit", str(file)]),
     "board": ("board.png", lambda _, file: ["calibrate", "board", "--output", str(file)]),
     "board as PDF": ("board.pdf", lambda _, file: ["calibrate", "board", "--output", str(file)]),
-    "chart": ("notes.svg", lambda _, file: ["chart", "--output", str(file)]),
     "calibration": ("my_shirt.yaml", lambda _, file: ["calibrate", "table", "--output", str(file)]),
     "library": ("my_shirt.yaml", lambda _, file: ["library", "build", "small_towel", "--output", str(file)]),
 }  # fmt: skip
@@ -120,7 +118,6 @@ def test_a_file_of_the_same_command_is_replaced(
 
 
 def test_every_kind_of_file_contains_its_mark() -> None:
-    assert CHART.read_bytes().startswith(b'<svg class="states"')
     poses = {"half": {"left": np.arange(16.0).reshape(2, 8)}}
     assert all(mark in tool_poses_text("towel", poses, suffix).encode() for suffix, mark in MARKS.items())
     assert b'<testsuite name="foldcell hil"' in junit_text("foldcell hil", [])
@@ -137,20 +134,3 @@ def test_two_garments_of_one_name_are_not_drawn_into_one_folder(
     assert main(["garment", "check", *files, "--draw", str(tmp_path), "--no-predictions"]) == 64
     assert "two have one name" in capsys.readouterr().err
     assert not list(tmp_path.glob("*.png"))
-
-
-def test_the_chart_of_an_installed_program_is_not_replaced(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    before = CHART.stat()
-    monkeypatch.setattr("foldcell.cell.commands.installation.chart.repository_root", lambda: None)
-    assert main(["chart"]) == 64 and "--output SVG" in capsys.readouterr().err
-    assert CHART.stat() == before
-
-
-def test_without_graphviz_the_chart_says_what_to_install(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("PATH", str(tmp_path))
-    assert main(["chart", "--output", str(tmp_path / "chart.svg")]) == 64
-    assert "install Graphviz" in capsys.readouterr().err

@@ -2,13 +2,15 @@
 
 import re
 from html import unescape
+from pathlib import Path
 
 import pytest
 
+from benchmarks.state_chart import draw_chart
 from foldcell.cell.states.state_chart import CHART, marked_chart
 from foldcell.cell.states.transition_table import TRANSITIONS, Event, State
 
-AGAIN = "the table has changed: draw the chart again with `foldcell chart`"
+AGAIN = "the table has changed: draw it again: python -m benchmarks.state_chart"
 
 
 def drawn_rows() -> set[tuple[str, str, str]]:
@@ -47,3 +49,9 @@ def test_the_marked_chart_shows_the_present_state_and_the_passed_states(present:
     assert {name for name, look in marked.items() if "present" in look} == {present.value}
     passed = {name for name, look in marked.items() if "passed" in look}
     assert passed == ({"idle"} if present is not State.IDLE else set())
+
+
+def test_without_graphviz_the_chart_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(SystemExit, match="install Graphviz"):
+        draw_chart()

@@ -1,4 +1,6 @@
-"""Draws the state chart with the `transitions` library: `foldcell chart` writes cell/states/state_chart.svg.
+"""Draws the state chart with the `transitions` library into cell/states: `python -m benchmarks.state_chart`.
+
+The report and the operator's page show it. `python -m benchmarks.reference` copies it into docs/pictures.
 
 The chart leaves out the rows that apply to every working state (stop, crash, abort, pause, lost journal). The
 colour of a state shows which state follows its failure. A legend below the chart explains both.
@@ -7,13 +9,14 @@ colour of a state shows which state follows its failure. A legend below the char
 from __future__ import annotations
 
 import re
+import sys
 from importlib import import_module
 from typing import Any
 
 from transitions.extensions import GraphMachine
 
+from foldcell.cell.states.state_chart import CHART
 from foldcell.cell.states.transition_table import TERMINAL, TRANSITIONS, Event, State
-from foldcell.robots.errors import ConfigurationError
 
 ON_FAILURE = {
     State.RECOVERING: ("#2f6fd0", "#eaf1fb"),
@@ -61,7 +64,7 @@ class _Chart(GraphMachine):
 def draw_chart() -> str:
     """Return the transition table as SVG. In it, the group of each state has the id `state-NAME`.
 
-    Raises ConfigurationError if Graphviz is missing. Only this function needs Graphviz.
+    Ends the program with a hint if Graphviz is missing.
     """
     rows = [row for row in TRANSITIONS if row.event is not Event.FAILED]
     chart = _Chart(
@@ -80,9 +83,7 @@ def draw_chart() -> str:
         import_module("graphviz")  # without it, `transitions` draws with another program
         svg: str = chart.get_graph().pipe(format="svg", encoding="utf-8")
     except (ImportError, OSError, RuntimeError) as e:  # graphviz raises a RuntimeError without `dot`
-        raise ConfigurationError(
-            f"the chart cannot be drawn: {e}", "install Graphviz (`dot`) and `pip install foldcell[docs]`"
-        ) from e
+        sys.exit(f"the chart cannot be drawn: {e}; install Graphviz (`dot`) and `pip install foldcell[docs]`")
     return _for_pages(svg)
 
 
@@ -99,3 +100,8 @@ def _for_pages(svg: str) -> str:
     svg = re.sub(r"<!--.*?-->\n", "", svg, flags=re.S)
     svg = re.sub(r"<title>[^<]*\\l[^<]*</title>\n", "", svg)  # remove the title that repeats the legend
     return re.sub(r"(<text[^>]*>)([^<]*)(</text>)", lambda m: m[1] + m[2].replace("_", " ") + m[3], svg)
+
+
+if __name__ == "__main__":
+    CHART.write_text(draw_chart(), encoding="utf-8")
+    print(CHART)
