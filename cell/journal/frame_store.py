@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from foldcell.cell.support.files.packing import packed
-from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.cell.support.files.whole_file import make_folder, write_whole
 from foldcell.robots.errors import StorageError
 from foldcell.robots.ports import CameraFrame, Intrinsics, frozen
 
@@ -36,11 +36,7 @@ class FrameStore:
             name = _name(frame)
             path = self._path(name)
             if not path.exists():
-                try:
-                    self._folder.mkdir(exist_ok=True)
-                except OSError as e:
-                    what = f"{self._folder} cannot be created: {e.strerror}"
-                    raise StorageError(what, "free some disk space") from e
+                make_folder(self._folder)
                 write_whole(path, packed(plain=np.array(_plain(frame)), rgb=frame.rgb, depth=frame.depth))
             self._known[frame] = name
             return name

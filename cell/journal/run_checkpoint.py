@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from foldcell.cell.journal.checkpoint_file import CONTEXT
 from foldcell.cell.journal.frame_store import FrameStore
 from foldcell.cell.states.run_context import RunContext
-from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.cell.support.files.whole_file import make_folder, write_whole
 from foldcell.robots.errors import ConfigurationError, InternalError, StorageError
 from foldcell.robots.ports import CameraFrame, frozen
 
@@ -49,14 +49,9 @@ _ARRAYS = frozenset(
 def write_checkpoint(folder: Path, context: RunContext, frames: FrameStore) -> None:
     """Write the context. It is on disk when the call returns. Raises StorageError."""
     stream = io.BytesIO()
+    pickler = _Pickler(stream, make_folder(folder), frames)
     try:
-        folder.mkdir(exist_ok=True)
-        pickler = _Pickler(stream, folder, frames)
         pickler.dump(context)
-    except OSError as e:
-        raise StorageError(
-            f"{folder} cannot be created: {e.strerror}", "free some disk space", path=str(folder)
-        ) from e
     except (pickle.PicklingError, TypeError, AttributeError) as e:
         raise InternalError(f"a value of the context cannot be written: {e}") from e
     body = stream.getvalue()

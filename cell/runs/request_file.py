@@ -20,14 +20,13 @@ import yaml
 
 from foldcell.cell.config.cell_settings import CellSettings, load_settings
 from foldcell.cell.config.garments.garment_file import garment_path, list_garments
-from foldcell.cell.config.trajectory_library.ideal_heights_file import user_heights_path
-from foldcell.cell.config.trajectory_library.library_file import user_library_path
+from foldcell.cell.config.trajectory_library.library_file import copy_library
 from foldcell.cell.config.yaml_file import read_yaml
 from foldcell.cell.journal.frame_store import FRAMES, FrameStore
 from foldcell.cell.journal.run_checkpoint import read_checkpoint, write_checkpoint
 from foldcell.cell.states.fold_request import FoldRequest
 from foldcell.cell.states.run_context import RunContext
-from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.cell.support.files.whole_file import make_folder, write_whole
 from foldcell.cell.support.json_values import write_json
 from foldcell.robots.errors import ConfigurationError, StorageError
 
@@ -50,11 +49,7 @@ def keep_request(folder: Path, request: FoldRequest) -> None:
     if request.garment != "auto" and request.garment not in list_garments():
         source = garment_path(request.garment)
         kept["garment"] = f"{GARMENT}/{source.name}"  # the file's stem is the garment's name
-        try:
-            (folder / GARMENT).mkdir()
-            write_whole(folder / GARMENT / source.name, source.read_bytes())
-        except OSError as e:
-            raise StorageError(f"{source} cannot be copied to the run: {e.strerror}", "check path and disk") from e
+        _copy(source, folder / GARMENT / source.name)
     write_json(folder / REQUEST, kept)
 
 
@@ -105,13 +100,9 @@ def keep_run_inputs(folder: Path, request: FoldRequest, checkpoint: RunContext |
     another one, else None. Raises StorageError."""
     if checkpoint is not None:
         write_checkpoint(folder / BEGAN_WITH, checkpoint, FrameStore(folder / FRAMES))
-    _copy_library(request.logs, folder)
+    copy_library(request.logs, folder)
     for group, source in request.settings.calibrations.items():
-        try:
-            (folder / CALIBRATIONS).mkdir(exist_ok=True)
-            write_whole(folder / CALIBRATIONS / f"{group}.yaml", source.read_bytes())
-        except OSError as e:
-            raise StorageError(f"{source} cannot be copied to the run: {e.strerror}", "check path and disk") from e
+        _copy(source, folder / CALIBRATIONS / f"{group}.yaml")
 
 
 def restored_request(folder: Path, logs: Path) -> FoldRequest:
@@ -121,7 +112,7 @@ def restored_request(folder: Path, logs: Path) -> FoldRequest:
     Raises ConfigurationError if the request cannot be read, or if its settings, garment or calibration are no
     longer valid, and StorageError if a file cannot be written.
     """
-    _copy_library(folder, logs)
+    copy_library(folder, logs)
     settings = folder / SETTINGS
     kept = {group: folder / CALIBRATIONS / f"{group}.yaml" for group in GROUPS}
     kept = {group: path for group, path in kept.items() if path.is_file()}
@@ -145,12 +136,11 @@ def initial_checkpoint(folder: Path) -> RunContext | None:
     return read_checkpoint(folder / BEGAN_WITH, FrameStore(folder / FRAMES))
 
 
-def _copy_library(source: Path, target: Path) -> None:
-    """Copy the user's library and its heights of ideal folds from one folder to another. An unreadable file is
-    skipped, as in the run itself."""
-    for path in (user_library_path, lambda logs: user_heights_path(user_library_path(logs))):
-        try:
-            content = path(source).read_bytes()
-        except OSError:
-            continue
-        write_whole(path(target), content)
+def _copy(source: Path, target: Path) -> None:
+    """Copy a file of the user into the run's folder. Raises StorageError."""
+    try:
+        content = source.read_bytes()
+    except OSError as e:
+        raise StorageError(f"{source} cannot be copied to the run: {e.strerror}", "check the path") from e
+    make_folder(target.parent)
+    write_whole(target, content)

@@ -14,8 +14,9 @@ from pathlib import Path
 
 from foldcell.cell.campaigns.trials.campaign import TrialRequest
 from foldcell.cell.campaigns.trials.perform_trial import discard_recordings
-from foldcell.cell.campaigns.trials.store import CampaignFolder, copy_library
+from foldcell.cell.campaigns.trials.store import CampaignFolder
 from foldcell.cell.campaigns.trials.trial import TRIAL, Trial, read_trial, write_trial
+from foldcell.cell.config.trajectory_library.library_file import copy_library
 from foldcell.cell.operator.judging import ask_judgement
 from foldcell.cell.record.judgement import Judgement
 from foldcell.cell.record.run_record import RunRecord

@@ -41,7 +41,7 @@ MAX_RUNS = 100_000
 ALL = "all"
 """Stands in place of the garments' names for all shipped garments."""
 DEFAULT_VARIANT = "shipped"
-RESERVED = frozenset({"campaign.json", "campaign.html", "trials.json", "library.json"})
+RESERVED = frozenset({"campaign.json", "campaign.html", "trials.json", "library.json", "ideal_heights.json"})
 """Files of a campaign in its folder."""
 
 

@@ -16,8 +16,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from foldcell.cell.campaigns.trials.campaign import Keep, TrialRequest
-from foldcell.cell.campaigns.trials.store import MANIFEST, copy_library
+from foldcell.cell.campaigns.trials.store import MANIFEST
 from foldcell.cell.campaigns.trials.trial import Trial, read_trial, write_trial
+from foldcell.cell.config.trajectory_library.library_file import copy_library
 from foldcell.cell.record.run_record import RunRecord, record_of
 from foldcell.cell.runs.pruning import RECORDINGS
 from foldcell.cell.states.fold_request import FoldRequest

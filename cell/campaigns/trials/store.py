@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import os
 import platform
-import shutil
 import subprocess
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -26,13 +25,13 @@ from pydantic import TypeAdapter
 
 from foldcell.cell.campaigns.trials.campaign import Campaign, TrialRequest
 from foldcell.cell.campaigns.trials.trial import Trial, read_trial
-from foldcell.cell.config.trajectory_library.library_file import user_library_path
+from foldcell.cell.config.trajectory_library.library_file import copy_library, user_files
 from foldcell.cell.runs.ownership import VERSIONED
 from foldcell.cell.support.files.paths import repository_root
 from foldcell.cell.support.files.whole_file import write_whole
 from foldcell.cell.support.json_values import to_json
 from foldcell.cell.support.process.lock import OwnerLock
-from foldcell.robots.errors import ConfigurationError, StorageError
+from foldcell.robots.errors import ConfigurationError
 
 MANIFEST = "campaign.json"
 """File with the requests of a campaign, in its folder."""
@@ -159,19 +158,6 @@ def changed_versions(before: Mapping[str, str], now: Mapping[str, str]) -> list[
     return [f"{name} {before.get(name)} -> {now.get(name)}" for name in names]
 
 
-def copy_library(source: Path, target: Path) -> None:
-    """Copy the user's library from one folder to another, if there is one. Raises StorageError."""
-    library = user_library_path(source)
-    try:
-        if library.is_file():
-            shutil.copyfile(library, user_library_path(target))
-    except OSError as error:
-        raise StorageError(
-            f"{library} cannot be copied to {target}: {error.strerror}",
-            "check the permissions of both folders and whether the disk is full",
-        ) from None
-
-
 def is_campaign(path: Path) -> bool:
     return (path / MANIFEST).is_file()
 
@@ -218,5 +204,5 @@ def cpu_model() -> str:
 
 
 def _library_digest(path: Path) -> str:
-    library = user_library_path(path)
-    return sha256(library.read_bytes()).hexdigest()[:12] if library.is_file() else "shipped"
+    content = b"".join(file.read_bytes() for file in user_files(path) if file.is_file())
+    return sha256(content).hexdigest()[:12] if content else "shipped"

@@ -13,10 +13,10 @@ from foldcell.cell.hardware.cell_check import robot_findings
 from foldcell.cell.hardware.contract.clauses import CLAUSES, ClauseResult, check_driver
 from foldcell.cell.hardware.contract.opening import opened_rig
 from foldcell.cell.hardware.contract.rig import Rig
-from foldcell.cell.support.files.whole_file import refuse_foreign, write_whole
+from foldcell.cell.support.files.whole_file import make_folder, refuse_foreign, write_whole
 from foldcell.cell.support.junit import junit_text
 from foldcell.cell.support.process.signals import BY_SIGNAL, taking_signals
-from foldcell.robots.errors import ConfigurationError, StorageError
+from foldcell.robots.errors import ConfigurationError
 from foldcell.robots.registry import find_robot, list_robots
 from foldcell.robots.urdf.skeleton import skeleton_files
 
@@ -106,10 +106,7 @@ def _new(options: argparse.Namespace) -> int:
         raise ConfigurationError(f"{target} exists", "choose another name, or another folder with --into")
     for name, text in files.items():
         path = target / name
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise StorageError(f"cannot make {path.parent}: {error.strerror}", "choose another --into") from error
+        make_folder(path.parent, "choose another --into")
         write_whole(path, text.encode())
     lines = [
         f"wrote {target}: {', '.join(sorted(files))}",

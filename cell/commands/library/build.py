@@ -24,9 +24,8 @@ from foldcell.cell.config.garments.garment_file import list_garments, load_garme
 from foldcell.cell.config.trajectory_library.ideal_heights_file import (
     ideal_heights_of,
     put_ideal_heights,
-    user_heights_path,
 )
-from foldcell.cell.config.trajectory_library.library_file import put_garments, user_library_path
+from foldcell.cell.config.trajectory_library.library_file import put_garments, user_heights_path, user_library_path
 from foldcell.cell.operator.progress.bar import ProgressBar
 from foldcell.cell.planning.trajectory_library_build import BuildProgress, BuiltStep, build_library
 from foldcell.cell.planning.unfinished_build import UnfinishedBuild

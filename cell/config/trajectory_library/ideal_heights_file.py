@@ -10,7 +10,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from foldcell.cell.config.trajectory_library.library_file import alone_with, write_text
+from foldcell.cell.config.trajectory_library.library_file import alone_with, user_heights_path, write_text
 from foldcell.skills.fold_plan.ideal_heights import IdealFoldHeights
 from foldcell.skills.garments.garment import Garment
 
@@ -20,11 +20,6 @@ FIELDS = tuple(f.name for f in fields(IdealFoldHeights))
 
 def shipped_heights_path() -> Path:
     return Path(str(resources.files("foldcell.cell.config.trajectory_library") / "ideal_heights.json"))
-
-
-def user_heights_path(library: Path) -> Path:
-    """Return the path of the heights that belong to a library's file."""
-    return library.with_name("ideal_heights.json")
 
 
 def ideal_heights_of(garment: Garment, library: Path | None = None) -> tuple[IdealFoldHeights, ...]:

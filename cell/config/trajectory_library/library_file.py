@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from importlib import metadata, resources
 from pathlib import Path
 
-from foldcell.cell.support.files.whole_file import write_whole
+from foldcell.cell.support.files.whole_file import make_folder, write_whole
 from foldcell.robots.errors import StorageError
 from foldcell.skills.garments.garment import Garment
 from foldcell.skills.trajectory.arcs.frame import frames_of
@@ -43,6 +43,28 @@ def shipped_library_path() -> Path:
 def user_library_path(logs: Path) -> Path:
     """Return the path of the user's library of optimised folds."""
     return logs / "library.json"
+
+
+def user_heights_path(library: Path) -> Path:
+    """Return the path of the heights of ideal folds that belong to a library's file."""
+    return library.with_name("ideal_heights.json")
+
+
+def user_files(logs: Path) -> tuple[Path, Path]:
+    """Return the paths of the user's library and of its heights."""
+    library = user_library_path(logs)
+    return library, user_heights_path(library)
+
+
+def copy_library(source: Path, target: Path) -> None:
+    """Copy the user's library and its heights from one logs folder to another. A file that is missing or cannot be
+    read is skipped, as in a run. Raises StorageError."""
+    for path in user_files(source):
+        try:
+            content = path.read_bytes()
+        except OSError:
+            continue
+        write_whole(target / path.name, content)
 
 
 def load_library(logs: Path | None = None) -> LoadedLibrary:
@@ -116,16 +138,8 @@ def write_library(path: Path, library: Library) -> None:
 
 def write_text(path: Path, text: str) -> None:
     """Write the file atomically, and create its folder if necessary. Raises StorageError."""
-    _create(path.parent)
+    make_folder(path.parent, _HINT)
     write_whole(path, text, _HINT)
-
-
-def _create(folder: Path) -> Path:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise StorageError(f"{folder} cannot be created: {error.strerror}", _HINT, path=str(folder)) from None
-    return folder
 
 
 @contextmanager
@@ -136,7 +150,7 @@ def alone_with(path: Path) -> Iterator[None]:
     The lock is on the file's folder (`flock`). If the file system does not support such locks, the file is not
     locked.
     """
-    folder = _create(path.absolute().parent)
+    folder = make_folder(path.absolute().parent, _HINT)
     try:
         handle = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
     except OSError as error:

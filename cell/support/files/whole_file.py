@@ -56,6 +56,15 @@ def write_whole(path: Path, data: bytes | str, hint: str = HINT) -> None:
         raise _unwritable(path, e, hint) from e
 
 
+def make_folder(folder: Path, hint: str = HINT) -> Path:
+    """Create the folder and those above it, unless they exist, and return it. Raises StorageError."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as e:
+        raise StorageError(f"{folder} cannot be created: {e.strerror}", hint, path=str(folder)) from e
+    return folder
+
+
 def _unwritable(path: Path, e: OSError, hint: str) -> StorageError:
     reason = "no such folder" if isinstance(e, FileNotFoundError) else e.strerror
     return StorageError(f"{path} cannot be written: {reason}", hint, path=str(path))

@@ -13,8 +13,8 @@ from foldcell.cell.config.garments.garment_file import list_garments, load_garme
 from foldcell.cell.config.trajectory_library.ideal_heights_file import (
     ideal_heights_of,
     put_ideal_heights,
-    user_heights_path,
 )
+from foldcell.cell.config.trajectory_library.library_file import user_heights_path
 from foldcell.skills.fold_plan.ideal_heights import IdealFoldHeights, bending_lengths, ideal_fold_heights
 
 TOWEL = load_garment("small_towel")

@@ -13,10 +13,11 @@ import pytest
 
 from foldcell.cell.campaigns.trials.campaign import Keep, TrialRequest
 from foldcell.cell.campaigns.trials.perform_trial import perform_trial
+from foldcell.cell.campaigns.trials.store import CampaignFolder
 from foldcell.cell.campaigns.trials.trial import TRIAL, Trial, read_trial
 from foldcell.cell.support.process.signals import Terminated
 from foldcell.robots.errors import ConfigurationError, DriverError, FailureKind, StorageError
-from tests.builders.campaigns import record, request
+from tests.builders.campaigns import record, request, trials_campaign
 
 
 def recorded(passed: bool) -> Any:
@@ -44,6 +45,26 @@ def test_a_finished_run_is_not_repeated(tmp_path: Path) -> None:
 def test_the_result_of_another_request_is_not_taken(tmp_path: Path) -> None:
     perform_trial(request(1), tmp_path, "all", lambda r, f: Trial(r, record()))
     assert read_trial(tmp_path, request(2)) is None
+
+
+def test_a_run_has_the_library_and_the_heights_with_which_its_campaign_began(tmp_path: Path) -> None:
+    logs, files = tmp_path / "logs", {"library.json": "arcs", "ideal_heights.json": "heights"}
+    logs.mkdir()
+    for name, text in files.items():
+        (logs / name).write_text(text)
+    (tmp_path / "campaign").mkdir()
+    campaign = CampaignFolder.create(tmp_path / "campaign", trials_campaign([1]), logs)
+    for name in files:
+        (logs / name).write_text("of another day")
+
+    def fold(request: TrialRequest, folder: Path) -> Trial:
+        assert {name: (folder / name).read_text() for name in files} == files
+        return Trial(request, record())
+
+    assert perform_trial(request(), campaign.folder(request()), "all", fold).error == ""
+    (campaign.path / "ideal_heights.json").write_text("other heights")
+    with pytest.raises(ConfigurationError, match="library"):
+        campaign.check_program()
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", '{"request": "other"}', '{"figures": null}'])
