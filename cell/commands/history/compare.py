@@ -14,7 +14,7 @@ from foldcell.cell.commands.shared import answer, logs_option, table
 from foldcell.cell.journal.journal import Journal
 from foldcell.cell.record.words import difference, garment_name, value_in_words
 from foldcell.cell.runs.run_difference import Difference, RunDifference, run_difference
-from foldcell.cell.support.files.paths import journal_path, logs_directory
+from foldcell.cell.support.files.paths import journal_path, logs_directory, logs_of_run
 from foldcell.robots.errors import ConfigurationError
 
 
@@ -112,13 +112,7 @@ def _lines_of_comparison(name: str, c: Comparison) -> Iterator[str]:
 def _runs(options: argparse.Namespace) -> tuple[RunDifference, tuple[str, str]]:
     found = []
     for name in (options.first, options.second):
-        folder = Path(name).absolute()
-        logs = (
-            folder.parent
-            if journal_path(folder.parent).is_file() and folder.is_dir()
-            else logs_directory(options.logs)
-        )
-        with Journal.open(journal_path(logs), readonly=True) as journal:
+        with Journal.open(journal_path(logs_of_run(name, options.logs)), readonly=True) as journal:
             record = journal.run(name)
             found.append((record, journal.entries(record.id)))
     (a, a_entries), (b, b_entries) = found

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from foldcell.cell.commands.shared import answer, logs_option, progress_stream, run_name
 from foldcell.cell.journal.journal import Entry, Journal, JournalRun
-from foldcell.cell.support.files.paths import journal_path, logs_directory
+from foldcell.cell.support.files.paths import journal_path, logs_of_run
 from foldcell.cell.view.viewer import find_viewer, silent_environment
 from foldcell.robots.errors import StorageError
 
@@ -32,7 +32,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Open the recording, or decide again. Returns 2 if another decision was taken."""
-    with Journal.open(journal_path(logs_directory(options.logs)), readonly=True) as journal:
+    with Journal.open(journal_path(logs_of_run(options.name, options.logs)), readonly=True) as journal:
         record = journal.run(options.name)
         entries = journal.entries(record.id) if options.decide else []
     if options.decide:

@@ -9,7 +9,7 @@ from foldcell.cell.commands.history.runs import ListedRun
 from foldcell.cell.commands.shared import answer, logs_option, run_name
 from foldcell.cell.journal.journal import NOT_BEGUN, Intent, Journal, JournalRun, performed
 from foldcell.cell.runs.resumable import resumable
-from foldcell.cell.support.files.paths import command_for, journal_path, logs_directory
+from foldcell.cell.support.files.paths import command_for, journal_path, logs_of_run
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -18,7 +18,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    logs = logs_directory(options.logs)
+    logs = logs_of_run(options.name, options.logs)
     with Journal.open(journal_path(logs), readonly=True) as journal:
         run = journal.run(options.name)
         listed = ListedRun.of(journal, run)

@@ -8,7 +8,7 @@ from typing import Any
 from foldcell.cell.commands.run.fold import tell
 from foldcell.cell.commands.shared import logs_option, run_name
 from foldcell.cell.journal.journal import Journal
-from foldcell.cell.support.files.paths import journal_path, logs_directory, prepare_logs
+from foldcell.cell.support.files.paths import journal_path, logs_of_run, prepare_logs
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -24,7 +24,7 @@ def run(options: argparse.Namespace) -> int:
     from foldcell.cell.runs.checkpoint_writer import interrupted_run
     from foldcell.cell.runs.fold_run import fold_once
 
-    logs = logs_directory(options.logs)
+    logs = logs_of_run(options.name, options.logs)
     changes: dict[str, Any] = {"quiet": options.json, "live": options.live}
     if options.approve:
         changes["approve"] = True

@@ -78,6 +78,14 @@ def journal_path(logs: Path) -> Path:
     return logs / JOURNAL_FILE
 
 
+def logs_of_run(name: str | Path, option: Path | None = None) -> Path:
+    """Return the logs folder in which a run is sought: the one around `name` if that is a run's folder, else that
+    of `logs_directory`. Raises ConfigurationError as `logs_directory`."""
+    if os.path.isdir(name) and journal_path(around := Path(name).absolute().parent).is_file():
+        return around
+    return logs_directory(option)
+
+
 def user_cache() -> Path:
     """Return the user's cache folder for this program. Its content can always be created again."""
     import platformdirs

@@ -468,6 +468,17 @@ def test_report_of_an_interrupted_run_has_an_unfinished_effect_and_no_page(
     assert answer["effects"][-1]["ended_s"] is None
 
 
+def test_a_run_is_found_by_its_folder_in_any_logs(
+    journal_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (run,) = journal_file.glob("2004*")
+    monkeypatch.setenv("FOLDCELL_LOGS", str(tmp_path / "others"))
+    assert main(["report", str(run), "--json"]) == 0
+    assert last_json(capsys.readouterr().out)["run_dir"] == str(run)
+    assert main(["replay", str(run)]) == 64 and "has no recording" in capsys.readouterr().err
+    assert main(["report", run.name]) == 64
+
+
 @pytest.mark.parametrize(
     ("name", "says", "not_says"),
     [("2008", ["none yet", "has not ended", f"pid {os.getpid()}", "--live", "replay 2008"], "was interrupted"),
