@@ -15,6 +15,7 @@ from typing import Any
 
 from benchmarks.results_page import table
 from foldcell.cell.hardware.contract.clauses import CLAUSES
+from tests.broken_drivers import BROKEN
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "results" / "drivers.md"
 DRIVERS = (("baxter", "sim"), ("baxter", "emulator"), ("ur5_pair", "sim"))
@@ -23,6 +24,10 @@ INTRODUCTION = """# Results: drivers and clauses
 Each clause of the contract of the ports (`robots/ports.py`), and the drivers that keep it, by
 `foldcell robot check NAME --driver DRIVER`. Simulated: no driver was checked at a robot. The emulator's driver is
 the one for the robot, over ROS, in real time.
+
+The broken drivers (`tests/broken_drivers.py`) break one thing each. A test checks that each fails at its clause
+and at no other, and that nothing moves after the failure of a clause on which safety depends. Another test checks
+a driver that cannot be opened twice (reconnect).
 """
 
 
@@ -32,10 +37,10 @@ def page(results: Mapping[str, Sequence[Mapping[str, Any]]], origin: str) -> str
     for k, clause in enumerate(CLAUSES):
         verdicts = [results[driver][k] for driver in results]
         words = [v["state"].replace("_", " ") + (f": {v['reason']}" if v["reason"] else "") for v in verdicts]
-        rows.append((clause.name, clause.proves, clause.moves or "nothing", *words))
-    return "\n".join(
-        [INTRODUCTION, origin, "", table("Clauses", ("clause", "proves", "moves", *results), rows), ""]
-    )
+        broken = "; ".join(name for name, (_, of) in BROKEN.items() if of == clause.name)
+        rows.append((clause.name, clause.proves, clause.moves or "nothing", broken, *words))
+    head = ("clause", "proves", "moves", "broken drivers that fail here alone", *results)
+    return "\n".join([INTRODUCTION, origin, "", table("Clauses", head, rows), ""])
 
 
 def main() -> None:

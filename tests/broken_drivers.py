@@ -186,3 +186,27 @@ def along_the_ray(frame: CameraFrame) -> CameraFrame:
     v, u = np.mgrid[0 : k.height, 0 : k.width].astype(np.float32)
     longer = np.sqrt(1.0 + ((u - k.cx) / k.fx) ** 2 + ((v - k.cy) / k.fy) ** 2)
     return replace(frame, depth=frozen((frame.depth * longer).astype(np.float32)))
+
+
+BROKEN: dict[str, tuple[Break, str]] = {
+    "writable arrays": (with_state(writable), "shapes"),
+    "degrees": (with_state(degrees), "units"),
+    "stamps of the wall clock": (with_state(wall_clock), "stamps"),
+    "grippers whose states come late": (delayed_in(0.3, 0.6), "stamps"),
+    "motors on after a reset": (motors_on_after_a_reset, "stop at rest"),
+    "NaN taken for 0": (with_command(nan_is_zero), "refusals"),
+    "a stop for one thread": (with_stop(on_its_own_thread), "two threads"),
+    "the requested set-point returned": (with_command(as_requested), "clipping"),
+    "no hold": (never_holds, "hold"),
+    "late brakes": (brakes_late, "stop in motion"),
+    "invented stamps": (with_state(fresh_stamp), "stale state"),
+    "two joints exchanged": (with_state(first_two_exchanged), "joint order"),
+    "velocities doubled": (with_state(fast), "velocities"),
+    "a gripper that never moves": (with_gripper(state=never_moving), "gripper"),
+    "a gripper that forgets": (with_gripper(command=forgetful), "gripper orders"),
+    "a mirrored head": (mirrored, "head"),
+    "one number for all pictures": (with_picture(same_number), "camera"),
+    "depth of another size": (with_picture(unregistered), "depth"),
+    "depth along the ray": (with_picture(along_the_ray), "depth"),
+}  # fmt: skip
+"""Name -> driver, and the clause that it breaks."""
