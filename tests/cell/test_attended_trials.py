@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.optional_parts import ROS
 from tests.runs import once_folded_towel
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
@@ -41,17 +42,28 @@ def asked(command: subprocess.Popen[str], answers: dict[str, str]) -> list[str]:
     return questions
 
 
-def test_a_person_attends_a_campaign_and_judges_a_run_after_the_program_was_killed(tmp_path: Path) -> None:
-    towel = once_folded_towel(tmp_path)
-    first = trials("--attended", "--garments", towel, "--n", "1", "--logs", str(tmp_path / "logs"))
+@pytest.mark.parametrize(
+    ("driver", "label"),
+    [
+        ("sim", "simulated, judged by a person"),
+        pytest.param(
+            "emulator", "simulated (emulator), judged by a person", marks=[pytest.mark.hil, ROS.required]
+        ),
+    ],
+)
+def test_a_person_attends_a_campaign_and_judges_a_run_after_the_program_was_killed(
+    driver: str, label: str, tmp_path: Path
+) -> None:
+    towel, logs = once_folded_towel(tmp_path), tmp_path / "logs"
+    first = trials("--attended", "--driver", driver, "--garments", towel, "--n", "1", "--logs", str(logs))
     begin, lay, verdict = asked(first, {APPROVE: "a"})
     assert "run 1 of 1, small_towel" in begin and "lay the small_towel flat" in lay and "folded well" in verdict
     first.send_signal(signal.SIGKILL)
     first.communicate()
-    (folder,) = (tmp_path / "logs").glob("trials-*")
+    (folder,) = logs.glob("trials-*")
     (stored,) = folder.glob("*/trial.json")
     before = json.loads(stored.read_text())
-    assert before["judgement"] is None and before["record"]["driver"] == "sim"
+    assert before["judgement"] is None and before["record"]["driver"] == driver
     assert before["record"]["score"] is None, "the simulated truth does not judge beside the person"
     assert before["record"]["robot_time_s"] > 10.0
 
@@ -63,5 +75,5 @@ def test_a_person_attends_a_campaign_and_judges_a_run_after_the_program_was_kill
     (run,) = results["runs"]
     assert run["judgement"] == {"passed": False, "why": "the edges are apart"} and not run["success"]
     assert run["record"] == before["record"]
-    assert results["label"] == "simulated, judged by a person" and results["not_performed"] == []
-    assert results["label"] in (folder / "campaign.html").read_text()
+    assert (results["label"], results["not_performed"]) == (label, [])
+    assert label in (folder / "campaign.html").read_text()

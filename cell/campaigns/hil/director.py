@@ -195,6 +195,7 @@ class Director:
     def performed(self, t: float, step: Step, result: Result) -> None:
         if result.event in FAILING and result.context.failure is not None:
             self._failures.append(result.context.failure.kind)
+        self._carry_out(t, lambda action: True)  # of an effect that did not sleep: a look over ROS
 
     def _schedule(self, moment: Callable[[Action], float | None]) -> None:
         """Schedule the pending actions for which `moment` returns a time since the start of the run [s]."""

@@ -84,6 +84,17 @@ def test_a_command_falls_between_two_set_points() -> None:
     assert commands.take(PAUSE) is Event.PAUSE and cell.now == 0.26
 
 
+def test_a_command_reaches_a_state_whose_effect_does_not_sleep() -> None:
+    """Over ROS, a look waits for the camera's messages and not for the cell's clock."""
+    director, _, cell, commands, _ = begun({"when": {"state": "looking"}, "say": "pause"})
+    enter(director, State.LOOKING, cell)
+    assert commands.take(PAUSE) is None, "not before the effect"
+    cell.now += 1.2
+    step = Step(State.IDLE, Event.DONE, State.LOOKING, Effect.LOOK)
+    director.performed(cell.now, step, Result(Event.DONE, RunContext()))
+    assert commands.take(PAUSE) is Event.PAUSE, "before the next effect"
+
+
 def test_an_action_can_wait_for_a_later_visit_of_a_state() -> None:
     second = {"state": "folding", "visit": 2, "after_s": 0.5}
     director, ports, cell, _, told = begun({"when": second, "tell": "now"})
