@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 from served import Serve, wait
 
+from foldcell.cell.simulation import SimulationSettings
 from foldcell.cell.simulation.emulator import emulated
 from foldcell.robots.baxter.emulator.line import Line, by_robots_clock
 from foldcell.robots.baxter.ros import topics
 from foldcell.robots.baxter.ros.connection import connected
+from foldcell.robots.errors import DriverError
 from foldcell.robots.model import JointLimits
 from foldcell.robots.ports import Ports
 from foldcell.robots.ros.driver import Network, RosSettings
@@ -93,6 +95,20 @@ def test_the_master_is_suspended_for_a_while_and_never_left_so(monkeypatch: pyte
     with emulated._silent_master(0.0, 0.0):
         time.sleep(0.02)
     assert signals[5:] == ["SIGCONT"]
+
+
+def test_a_world_whose_process_has_ended_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    def ended(*_: object) -> None:
+        raise BrokenPipeError(32, "Broken pipe")
+
+    process = SimpleNamespace(
+        send=lambda message: None, answer=lambda seconds: "ready", close=lambda patience_s: None
+    )
+    monkeypatch.setattr(emulated, "ServerProcess", lambda module, silent: process)
+    world = emulated._World(SimulationSettings(), 0, RosSettings(), Network())
+    process.send, process.answer = ended, ended
+    with pytest.raises(DriverError, match="the emulated robot does not respond: its process ended"):
+        world.ask("checkpoint")
 
 
 # over ROS ----------------------------------------------------------------------------------------------
