@@ -18,6 +18,7 @@ from foldcell.cell.simulation.scoring.ground_truth_recorder import GroundTruthRe
 from foldcell.cell.simulation.scoring.ideal import BackgroundIdeal, flaw_of, ideal_heights, ideal_of
 from foldcell.cell.simulation.truth import GarmentTruth
 from foldcell.cell.view.recorder import Recorder
+from foldcell.skills.fold_plan.crease_mesh import mesh_near_creases
 from foldcell.skills.fold_plan.ideal_fold import SETTLE_S, IdealFold, ideal_folds
 from foldcell.skills.fold_plan.plan import ways_to_fold
 from foldcell.skills.garments.garment import Garment
@@ -32,7 +33,14 @@ def ideal(request: pytest.FixtureRequest) -> IdealGarment:
 
 @pytest.fixture(scope="module")
 def towel() -> GarmentTruth:
-    return drawn_garment(*TOWEL)
+    """On a coarse mesh: what the thread, the recorder and the time to settle promise holds on every mesh."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("foldcell.cell.simulation.garment.garment.mesh_near_creases", coarse)
+        return drawn_garment(*TOWEL)
+
+
+def coarse(contour: Any, edge: float, layers: int, turn: float, creases: Any, length: float, fine: float) -> Any:
+    return mesh_near_creases(contour, edge, layers, turn, creases, length, edge)
 
 
 @pytest.fixture(scope="module")
