@@ -139,6 +139,11 @@ def is_in(path: Path, places: tuple[Path, ...]) -> bool:
     return any(path.is_relative_to(place) for place in places)
 
 
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """A file whose tests are all left out is not imported."""
+    return True if "not long" in config.option.markexpr and is_in(collection_path, LONG) else None
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         talks_over_ros = "rosmaster" in getattr(item, "fixturenames", ())
