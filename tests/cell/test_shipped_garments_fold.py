@@ -13,7 +13,7 @@ from tests.runs import fold_request
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
-FEW_SIMULATIONS = {"optimiser": {"simulations": 2}}
+FEW_SIMULATIONS = {"optimiser": {"simulations": 1}}
 RUNS = Path(__file__).parents[2] / "benchmarks" / "regression_runs"
 
 
