@@ -32,9 +32,6 @@ their noise. Saturated pads seem to press, too, but move on until they meet."""
 CLEAR = 0.012
 """Until the hand is this far above the height at which it begins to close, the pads close only to NARROW [m]. If a
 pause or slow arms keep the hand low, it then takes no cloth of the stack."""
-CLEAR_OF_CREASE = 0.022
-"""The same, where a crease of an earlier fold may stand up beside the pads [m]. At CLEAR, pads took one of its
-layers along in 5 of 130 runs without a fault, all of towels and all after their second fold."""
 NARROW = 0.012
 """At this distance, the pads do not grip cloth that lies between them [m]."""
 OPENED = 0.005
@@ -58,15 +55,13 @@ class Emptied:
 @dataclass(frozen=True, eq=False)
 class EmptyCheck:
     """State of the check. layer: smallest thickness of a layer of the cloth [m]. above: height at which the hand
-    closes [m]. opening: distance to which the pads open again [m]. clear: distance above `above` at which the pads
-    may meet [m]. since: start of the present phase [s]."""
+    closes [m]. opening: distance to which the pads open again [m]. since: start of the present phase [s]."""
 
     settings: GraspSettings
     bias: TactileBias
     layer: float
     above: float
     opening: float
-    clear: float = CLEAR
     phase: _Phase = _Phase.RISING
     since: float = -np.inf
     pads: MovingPads = field(default_factory=MovingPads)
@@ -94,7 +89,7 @@ def check_empty(
     if state.phase is _Phase.CLOSING:
         after = _closing(reading, state)
         if isinstance(after, Outcome) or after.phase is _Phase.CLOSING:
-            low = not reading.height >= state.above + state.clear
+            low = not reading.height >= state.above + CLEAR
             return GripCommand(NARROW if low else 0.0, RELEASE_FORCE), after
         state = after
     return _opening(reading, state)

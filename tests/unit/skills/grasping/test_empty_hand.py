@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from foldcell.robots.errors import FailureKind
-from foldcell.skills.grasping.empty_hand import CLEAR_OF_CREASE, NARROW, Emptied, EmptyCheck, check_empty
+from foldcell.skills.grasping.empty_hand import NARROW, Emptied, EmptyCheck, check_empty
 from foldcell.skills.grasping.hand_reading import HandReading
 from foldcell.skills.vocabulary import Outcome
 from tests.builders.shipped_settings import GRASP
@@ -138,18 +138,3 @@ def test_a_hand_whose_height_is_unknown_does_not_close() -> None:
     state = EmptyCheck(SETTINGS, hand.bias, 0.0008, ABOVE, RELEASED)
     command, after = check_empty(replace(hand.tick(), height=np.nan), state)
     assert command is None and after is state
-
-
-def test_pads_do_not_meet_beside_a_crease_that_stands_up() -> None:
-    """The crease of an earlier fold stands 20 mm above the place where the hand begins to close."""
-    hand, crease = RisingHand(10), ABOVE + 0.020
-    state = EmptyCheck(SETTINGS, hand.bias, 0.0025, ABOVE, RELEASED, CLEAR_OF_CREASE)
-    beside = RELEASED
-    for _ in range(1000):
-        command, after = check_empty(hand.tick(), state)
-        hand.goal = command.opening if command else hand.goal
-        beside = beside if hand.height > crease else min(beside, hand.real)
-        if isinstance(after, Outcome):
-            break
-        state = after
-    assert isinstance(after, Outcome) and after.unwrap().met and beside >= NARROW

@@ -23,7 +23,7 @@ from foldcell.robots.model import JointLimits
 from foldcell.robots.ports import ArmTrajectory, Side, arm_slice
 from foldcell.skills.fold_plan import pressing
 from foldcell.skills.grasping.confirm import Held, LayerCount
-from foldcell.skills.grasping.empty_hand import CLEAR, CLEAR_OF_CREASE, NARROW
+from foldcell.skills.grasping.empty_hand import CLEAR, NARROW
 from foldcell.skills.grasping.tare import TactileBias
 from foldcell.skills.motion.moves.grasp import Descent
 from foldcell.skills.motion.timing.jerk_limiter import JerkLimiter
@@ -366,18 +366,18 @@ UNLOADED = dict.fromkeys(Side, TactileBias(0.0, np.zeros((2, 4, 3)), np.zeros(2)
 FLAT = freeing.ReleasedCloth(0.0008, creased=False)
 
 
-@pytest.mark.parametrize(("creased", "clear"), [(False, CLEAR), (True, CLEAR_OF_CREASE)])
+@pytest.mark.parametrize(("creased", "above"), [(False, freeing.ABOVE), (True, freeing.ABOVE_CREASE)])
 def test_empty_hands_close_and_open_again_while_they_rise(
-    creased: bool, clear: float, monkeypatch: pytest.MonkeyPatch
+    creased: bool, above: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """They meet above the crease of an earlier fold, which may stand up between them."""
+    """They meet further up if a crease of an earlier fold may stand up between them."""
     cell, workcell, up, commands = rising(monkeypatch, {})
     cloth = replace(FLAT, creased=creased)
     assert freeing._rise(workcell, up, UNLOADED, cloth, checked_motion.pausable(workcell)) is None
     assert {side for side, _, _ in commands} == set(Side)
-    assert all(height >= freeing.ABOVE for _, _, height in commands)
+    assert all(height >= above for _, _, height in commands)
     met = [height for _, opening, height in commands if opening < NARROW]
-    assert min(met) == pytest.approx(freeing.ABOVE + clear, abs=0.002)
+    assert min(met) == pytest.approx(above + CLEAR, abs=0.002)
     assert cell.openings == dict.fromkeys(Side, parking.RELEASE_OPENING) and cell.q == pytest.approx(0.1)
     assert cell.now < 0.9, "the check takes no time after the rise"
 
