@@ -83,7 +83,7 @@ def draw_chart() -> str:
         import_module("graphviz")  # without it, `transitions` draws with another program
         svg: str = chart.get_graph().pipe(format="svg", encoding="utf-8")
     except (ImportError, OSError, RuntimeError) as e:  # graphviz raises a RuntimeError without `dot`
-        sys.exit(f"the chart cannot be drawn: {e}; install Graphviz (`dot`) and `pip install foldcell[docs]`")
+        sys.exit(f"the chart cannot be drawn: {e}; install Graphviz (`dot`) and the extra `docs`")
     return _for_pages(svg)
 
 

@@ -393,7 +393,7 @@ def _perceive_region(
         if likeness(match) >= likeness(best) - AUTO_MARGIN and len(rivals) < AUTO_CATEGORIES:
             rivals.setdefault(match.garment.category, match)
     judged_as = {name: judged(match) for name, match in rivals.items()}
-    # A category whose key points are uncertain is a doubt; one that does not fit the region is none.
+    # A category whose key points are uncertain is a doubt; one that does not fit is none, unless it is far ahead.
     ranked = sorted(rivals, key=lambda name: likeness(rivals[name]), reverse=True)
     near = [
         name

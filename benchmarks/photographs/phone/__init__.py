@@ -5,5 +5,5 @@ ground and things are one height field: its slopes, and the shadows that it thro
 picture has to be refused; the garment is named in three of five. Written without knowledge of the perception.
 
 Expected before the first picture was judged: every limit of `judge.LIMITS`, which are those of the real set. Seeds
-1 to 60 are for looking at; those from 61 on are for judging.
+1 to 180 are for looking at; those from 181 on are for judging.
 """

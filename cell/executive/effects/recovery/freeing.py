@@ -41,9 +41,9 @@ ABOVE = 0.008
 hands have risen by 20 mm and are above the cloth that they have released."""
 ABOVE_CREASE = 0.013
 """The same, where a crease of an earlier fold may stand up beside the pads [m]. From ABOVE, hands took one of its
-layers along in 6 of 140 runs without a fault, all of towels, after their second fold; from here they did
-so in one of five of these runs. From 18 mm, cloth that hung on a finger was felt only after a lift of 52 to 59 mm,
-and two of four such folds were spoilt (42 to 45 mm and none from here)."""
+layers along in 6 of 140 runs without a fault, all of towels, after their second fold. Five of the six were
+performed again from here: one did so. From 18 mm, cloth on a finger was felt only after a lift of 52 to 59 mm, and
+two of four such folds were spoilt (from here 42 to 45 mm, and none)."""
 LEAST_RISE = 0.03
 """A hand that rises less than this does not close, because it might take cloth of the stack [m]."""
 WIDEST = RELEASE_OPENING + 0.005

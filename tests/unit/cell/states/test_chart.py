@@ -10,7 +10,7 @@ from benchmarks.state_chart import draw_chart
 from foldcell.cell.states.state_chart import CHART, marked_chart
 from foldcell.cell.states.transition_table import TRANSITIONS, Event, State
 
-AGAIN = "the table has changed: draw it again: python -m benchmarks.state_chart"
+AGAIN = "the table has changed: draw it again: python -m benchmarks.state_chart, then benchmarks.reference"
 
 
 def drawn_rows() -> set[tuple[str, str, str]]:

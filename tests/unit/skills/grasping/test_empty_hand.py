@@ -10,6 +10,7 @@ import pytest
 from foldcell.robots.errors import FailureKind
 from foldcell.skills.grasping.empty_hand import NARROW, Emptied, EmptyCheck, check_empty
 from foldcell.skills.grasping.hand_reading import HandReading
+from foldcell.skills.motion.moves.lift import CAREFUL_SPEED
 from foldcell.skills.vocabulary import Outcome
 from tests.builders.shipped_settings import GRASP
 from tests.hands import SensedHand
@@ -36,10 +37,10 @@ class RisingHand(SensedHand):
         self.height, self.cloth, self.grip, self.error = 0.0, cloth, grip, error
         self.real, self.goal, self.jammed = RELEASED, RELEASED, False
         self.closed_at: float | None = None
-        self.top, self.narrowest = TOP, RELEASED
+        self.top, self.narrowest, self.speed = TOP, RELEASED, RISE
 
     def tick(self) -> HandReading:
-        self.height = min(self.height + RISE * 0.01, self.top)
+        self.height = min(self.height + self.speed * 0.01, self.top)
         if not self.jammed:
             self.real += float(np.clip(max(self.goal, self.cloth) - self.real, -PADS * 0.01, PADS * 0.01))
         pressing = self.cloth > 0.0 and self.goal < self.cloth and self.real <= self.cloth
@@ -71,6 +72,15 @@ def test_empty_pads_meet_and_open_again_within_the_rise() -> None:
         end, seconds = rise(hand)
         assert end.ok and end.unwrap().met
         assert seconds < 0.36 and hand.goal == RELEASED
+
+
+def test_pads_wait_half_closed_for_a_hand_that_rises_slowly() -> None:
+    """Pads that wait are not taken for pads that neither meet nor move."""
+    for seed in range(10):
+        hand = RisingHand(seed)
+        hand.speed = CAREFUL_SPEED
+        end, _ = rise(hand)
+        assert end.ok and end.unwrap().met
 
 
 def test_pads_of_a_hand_that_stays_low_do_not_close_on_the_stack() -> None:
