@@ -170,14 +170,15 @@ class Runner:
 
     def _write_checkpoint(self, step: Step, result: Result) -> Result:
         """Write the checkpoint. Raises StorageError, which ends the run in the same way as a lost journal. If the
-        process of the simulated cell has ended, the effect counts as failed: the robot does not respond."""
+        process of the simulated cell has ended, the effect counts as failed: the robot does not respond. An effect
+        that has already failed keeps its own failure, which is the cause."""
         try:
             self._keep(result.context)
         except StorageError:
             raise
         except DriverError as e:
-            if step.target not in TERMINAL and result.event not in _FAILING - {Event.FAILED}:
-                return Result(Event.FAILED, result.context.with_failure(e.failure()))
+            if step.target not in TERMINAL and result.event not in _FAILING:
+                return replace(result, event=Event.FAILED, context=result.context.with_failure(e.failure()))
         except Exception as e:
             hint = "this is a bug: keep the run folder and report it"
             raise StorageError(f"the checkpoint cannot be written: {type(e).__name__}: {e}", hint) from e

@@ -90,6 +90,7 @@ class _World:
     def __init__(self, settings: SimulationSettings, seed: int, ros: RosSettings, network: Network) -> None:
         self._process = ServerProcess("foldcell.cell.simulation.emulator.emulator_process", silent=False)
         self._asking = threading.Lock()
+        self._why_gone = "its process ended"
         try:
             self._process.send((settings, seed, ros.camera, network))
             self._answer(START_S)
@@ -115,9 +116,10 @@ class _World:
         try:
             answer = self._process.answer(seconds)
         except TimeoutError as error:
-            raise _gone(str(error)) from None
+            self._why_gone = str(error)  # the pipe is closed from now on, although the process has not ended
+            raise _gone(self._why_gone) from None
         except (EOFError, OSError) as error:
-            raise _gone("its process ended") from error
+            raise _gone(self._why_gone) from error
         if isinstance(answer, Exception):
             raise answer
         return answer

@@ -797,6 +797,47 @@ def test_a_simulated_cell_that_no_longer_responds_ends_the_run_as_a_fault_of_the
     assert all(entry.result is not None for entry in performed(rig.entries()))
 
 
+def test_a_lost_checkpoint_does_not_replace_the_failure_of_its_effect(rig: Rig) -> None:
+    """An emulated robot that does not answer in time is gone for the checkpoint too."""
+    silent = DriverError(K.HARDWARE_FAULT, "the emulated robot does not respond: no answer in 120 s")
+
+    def keep(context: RunContext) -> None:
+        if Effect.LIFT in rig.performed:
+            raise DriverError(K.HARDWARE_FAULT, "the emulated robot does not respond: its process ended")
+
+    rig.keep = keep
+    rig.special[Effect.LIFT] = lambda c, x: Result(Event.FAILED, x.with_failure(silent.failure()), {"height": 0.1})
+    rig.run()
+    (lift,) = (entry for entry in performed(rig.entries()) if entry.begun.name == Effect.LIFT.value)
+    assert lift.result is not None
+    assert lift.result.payload["height"] == 0.1 and "no answer" in lift.result.payload["what"]
+
+
+def test_an_effect_that_fails_for_its_checkpoint_keeps_its_figures_and_events(rig: Rig) -> None:
+    seen: dict[Effect, Result] = {}
+
+    def keep(context: RunContext) -> None:
+        if Effect.LIFT in rig.performed:
+            raise DriverError(K.HARDWARE_FAULT, "the emulated robot does not respond: its process ended")
+
+    def lift(cell: Any, context: RunContext) -> Result:
+        cell.note("contact", {})
+        return Result(Event.DONE, context, {"height": 0.1})
+
+    rig.keep = keep
+    rig.special[Effect.LIFT] = lift
+    rig.observers = (
+        SimpleNamespace(
+            entered=lambda t, step: None,
+            performed=lambda t, step, result: seen.setdefault(step.effect, result),
+        ),
+    )
+    rig.run()
+    result = seen[Effect.LIFT]
+    assert result.event is Event.FAILED and result.context.failure.kind is K.HARDWARE_FAULT
+    assert result.record == {"height": 0.1} and [name for _, name in result.within] == ["contact"]
+
+
 @pytest.mark.parametrize("event", sorted(set(REENTRIES.values())))
 def test_a_run_is_resumed_in_the_requested_state(rig: Rig, event: Event) -> None:
     rig.special[Effect.REENTER] = lambda c, x: Result(event, x)

@@ -101,6 +101,9 @@ def test_a_world_whose_process_has_ended_says_so(monkeypatch: pytest.MonkeyPatch
     def ended(*_: object) -> None:
         raise BrokenPipeError(32, "Broken pipe")
 
+    def silent(seconds: float) -> None:
+        raise TimeoutError(f"no answer in {seconds:.0f} s")
+
     process = SimpleNamespace(
         send=lambda message: None, answer=lambda seconds: "ready", close=lambda patience_s: None
     )
@@ -108,6 +111,12 @@ def test_a_world_whose_process_has_ended_says_so(monkeypatch: pytest.MonkeyPatch
     world = emulated._World(SimulationSettings(), 0, RosSettings(), Network())
     process.send, process.answer = ended, ended
     with pytest.raises(DriverError, match="the emulated robot does not respond: its process ended"):
+        world.ask("checkpoint")
+    process.answer = silent
+    with pytest.raises(DriverError, match="no answer in 120 s"):
+        world.ask("truth")
+    process.answer = ended  # the pipe is closed after a timeout
+    with pytest.raises(DriverError, match="no answer in 120 s"):
         world.ask("checkpoint")
 
 
