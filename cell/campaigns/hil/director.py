@@ -3,7 +3,8 @@
 A director is an observer of the state machine, and the executive's clock carries out its scheduled actions. It
 acts only through the usual inputs: it puts commands into the command queue, triggers the stop circuit, and adds
 faults to the simulated cell. While the cell does not sleep on this clock (for example while an attendant lays the
-garment), due actions wait until the next sleep or the next state.
+garment), due actions wait until the next sleep or the end of the effect. Answers wait until the next sleep, which
+is that of the next question: earlier answers do not count for it.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import numpy as np
 from foldcell.cell.campaigns.hil.script import LIMIT_S, Action
 from foldcell.cell.hardware.driver import OpenCell
 from foldcell.cell.simulation import Fault
-from foldcell.cell.states.commands import CommandQueue, QueuedCommand
+from foldcell.cell.states.commands import ANSWERS, CommandQueue, QueuedCommand
 from foldcell.cell.states.observers import FAILING, Step
 from foldcell.cell.states.run_context import Result
 from foldcell.cell.states.transition_table import TERMINAL, Event, State
@@ -195,7 +196,8 @@ class Director:
     def performed(self, t: float, step: Step, result: Result) -> None:
         if result.event in FAILING and result.context.failure is not None:
             self._failures.append(result.context.failure.kind)
-        self._carry_out(t, lambda action: True)  # of an effect that did not sleep: a look over ROS
+        # of an effect that did not sleep: a look over ROS
+        self._carry_out(t, lambda action: action.say not in ANSWERS)
 
     def _schedule(self, moment: Callable[[Action], float | None]) -> None:
         """Schedule the pending actions for which `moment` returns a time since the start of the run [s]."""

@@ -16,7 +16,7 @@ from foldcell.cell.campaigns.hil.script import Script
 from foldcell.cell.campaigns.hil.script_run import broken_expectations
 from foldcell.cell.hardware.driver import OpenCell
 from foldcell.cell.record.run_record import FoldRecord, RunRecord
-from foldcell.cell.states.commands import CommandQueue
+from foldcell.cell.states.commands import ANSWERS, CommandQueue
 from foldcell.cell.states.observers import Step
 from foldcell.cell.states.run_context import Result, RunContext
 from foldcell.cell.states.transition_table import Effect, Event, State
@@ -93,6 +93,19 @@ def test_a_command_reaches_a_state_whose_effect_does_not_sleep() -> None:
     step = Step(State.IDLE, Event.DONE, State.LOOKING, Effect.LOOK)
     director.performed(cell.now, step, Result(Event.DONE, RunContext()))
     assert commands.take(PAUSE) is Event.PAUSE, "before the next effect"
+
+
+def test_an_answer_that_falls_due_in_an_effect_without_a_sleep_is_given_to_the_next_question() -> None:
+    """The runner drops earlier answers before it asks."""
+    director, ports, cell, commands, _ = begun({"when": {"state": "planning_motion"}, "say": "approve"})
+    enter(director, State.PLANNING_MOTION, cell)
+    cell.now += 1.2
+    step = Step(State.IDLE, Event.DONE, State.PLANNING_MOTION, Effect.PLAN_MOTION)
+    director.performed(cell.now, step, Result(Event.DONE, RunContext()))
+    commands.drop(ANSWERS)
+    enter(director, State.AWAITING_APPROVAL, cell)
+    ports.clock.sleep_until(cell.now + 0.1)
+    assert commands.take(ANSWERS) is Event.APPROVE
 
 
 def test_an_action_can_wait_for_a_later_visit_of_a_state() -> None:
