@@ -10,7 +10,7 @@ from typing import Any
 from foldcell.arguments import own_numeric_state, path
 from foldcell.cell.journal.journal import Entry, Intent, Journal, performed
 from foldcell.cell.record.run_record import FoldRecord, RunRecord, record_of
-from foldcell.cell.support.files.paths import journal_path, logs_directory, logs_of_run
+from foldcell.cell.support.files.paths import journal_path, logs_of_run
 from foldcell.cell.transcript.set_points import SetPoints, read_grips, read_set_points
 from foldcell.cell.transcript.transcript import TRANSCRIPT, Transcript
 from foldcell.robots.errors import ConfigurationError
@@ -97,7 +97,7 @@ def load_run(run: str | Path, logs: str | Path | None = None) -> Run:
     read.
     """
     wanted = path(run, "run")
-    place = logs_of_run(wanted) if logs is None else logs_directory(path(logs, "logs"))
+    place = logs_of_run(wanted, None if logs is None else path(logs, "logs"))
     with Journal.open(journal_path(place), readonly=True) as journal:
         row = journal.run(str(wanted))
         if row.status == "running":

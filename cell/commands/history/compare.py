@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -112,7 +113,9 @@ def _lines_of_comparison(name: str, c: Comparison) -> Iterator[str]:
 def _runs(options: argparse.Namespace) -> tuple[RunDifference, tuple[str, str]]:
     found = []
     for name in (options.first, options.second):
-        with Journal.open(journal_path(logs_of_run(name, options.logs)), readonly=True) as journal:
+        # a folder may be in other logs than the run with which it is compared
+        logs = logs_of_run(name, None if os.sep in name else options.logs)
+        with Journal.open(journal_path(logs), readonly=True) as journal:
             record = journal.run(name)
             found.append((record, journal.entries(record.id)))
     (a, a_entries), (b, b_entries) = found

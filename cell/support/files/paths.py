@@ -79,9 +79,10 @@ def journal_path(logs: Path) -> Path:
 
 
 def logs_of_run(name: str | Path, option: Path | None = None) -> Path:
-    """Return the logs folder in which a run is sought: the one around `name` if that is a run's folder, else that
-    of `logs_directory`. Raises ConfigurationError as `logs_directory`."""
-    if os.path.isdir(name) and journal_path(around := Path(name).absolute().parent).is_file():
+    """Return the logs folder in which a run is sought: `--logs`, else the folder around `name` if that is a run's
+    folder, else that of `logs_directory`. Raises ConfigurationError as `logs_directory`."""
+    around = Path(name).absolute().parent
+    if option is None and os.path.isdir(name) and journal_path(around).is_file():
         return around
     return logs_directory(option)
 

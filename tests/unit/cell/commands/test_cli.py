@@ -477,6 +477,36 @@ def test_a_run_is_found_by_its_folder_in_any_logs(
     assert last_json(capsys.readouterr().out)["run_dir"] == str(run)
     assert main(["replay", str(run)]) == 64 and "has no recording" in capsys.readouterr().err
     assert main(["report", run.name]) == 64
+    assert main(["resume", str(run)]) == 64 and "has no checkpoint" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["report", "replay", "resume"])
+def test_the_logs_that_are_named_win_over_a_runs_folder(
+    command: str,
+    journal_file: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A run's bare id is also the name of its folder in the present one."""
+    others = tmp_path / "others"
+    others.mkdir()
+    Journal.open(others / "journal.db").close()
+    monkeypatch.chdir(journal_file)
+    run = min(journal_file.glob("20*")).name
+    assert main([command, run, "--logs", str(others)]) == 64
+    assert f"there are no runs yet in {others}" in capsys.readouterr().err
+
+
+def test_a_run_is_compared_with_a_folder_in_other_logs(
+    journal_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "others").mkdir()
+    with Journal.open(tmp_path / "others" / "journal.db") as journal:
+        own = journal.begin_run(garment="vest", seed=1, driver="sim")
+        own.end("folded", {})
+    (run,) = journal_file.glob("2001*")
+    assert main(["compare", str(run), own.id, "--logs", str(tmp_path / "others"), "--json"]) == 0
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from foldcell.cell.support.files import paths
-from foldcell.cell.support.files.paths import logs_directory, prepare_logs, repository_root
+from foldcell.cell.support.files.paths import logs_directory, logs_of_run, prepare_logs, repository_root
 from foldcell.robots.errors import StorageError
 
 
@@ -41,6 +41,22 @@ def test_a_relative_logs_option_is_relative_to_the_current_folder(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert logs_directory(Path("mine"), {}) == tmp_path / "mine"
+
+
+def test_a_folder_of_a_run_names_its_logs_unless_the_option_names_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here, there, run = tmp_path / "here", tmp_path / "there", "2026-01-01"
+    monkeypatch.setenv("FOLDCELL_LOGS", str(there))
+    (here / run).mkdir(parents=True)
+    monkeypatch.chdir(here)
+    for name in (run, here / run, f"./{run}"):
+        assert logs_of_run(name) == there, "without a journal it is no run"
+    (here / "journal.db").touch()
+    for name in (run, here / run, f"./{run}"):
+        assert logs_of_run(name) == here
+        assert logs_of_run(name, there) == there
+    assert logs_of_run("last") == there
 
 
 def test_preparing_the_logs_makes_an_empty_folder(tmp_path: Path) -> None:
