@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 
 from foldcell.cell.hardware.contract import arm_clauses as arms
@@ -188,10 +188,12 @@ def check_driver(
 ) -> Iterator[ClauseResult]:
     """Check a driver and yield the result of each clause. opened: opens a connection.
 
-    Raises ConfigurationError if the robot is stopped before the check, and whatever opening raises.
+    An error of the first connection's end counts as the failure of the clauses that reopen. Raises
+    ConfigurationError if the robot is stopped before the check, and whatever opening raises.
     """
-    guard = ""
-    with opened() as rig:
+    guard, unclosed = "", None
+    with ExitStack() as connection:
+        rig = connection.enter_context(opened())
         stop = rig.ports.stop.state()
         if stop.stopped:
             raise ConfigurationError(
@@ -205,9 +207,13 @@ def check_driver(
                     if clause.powered:
                         rig.ports.stop.trigger(REASON)
                 yield result
+        try:
+            connection.close()
+        except Exception as error:
+            unclosed = error
     for clause in clauses:
         if clause.reopens:
-            yield _reopened(clause, opened, guard)
+            yield _reopened(clause, opened, guard) if unclosed is None else _not_again(clause, unclosed)
 
 
 def _checked(clause: Clause, rig: Rig, guard: str) -> ClauseResult:
@@ -228,5 +234,9 @@ def _reopened(clause: Clause, opened: Callable[[], AbstractContextManager[Rig]],
         with opened() as rig:
             return _checked(clause, rig, guard)
     except Exception as error:
-        what = error.what if isinstance(error, CellError) else f"{type(error).__name__}: {error}"
-        return ClauseResult(clause, "failed", f"it cannot be opened again: {what}", time.monotonic() - began)
+        return _not_again(clause, error, time.monotonic() - began)
+
+
+def _not_again(clause: Clause, error: Exception, seconds: float = 0.0) -> ClauseResult:
+    what = error.what if isinstance(error, CellError) else f"{type(error).__name__}: {error}"
+    return ClauseResult(clause, "failed", f"it cannot be closed and opened again: {what}", seconds)

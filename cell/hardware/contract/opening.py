@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from typing import NoReturn
 
 from foldcell.cell.config.cell_settings import CellSettings
@@ -59,27 +59,29 @@ def _opened(driver: str, settings: CellSettings, limits: JointLimits) -> Iterato
         )
     closing = ExitStack()
     try:
-        with _others_code(driver, "opened"):
+        with _others_code(driver):
             factory: Factory = getattr(importlib.import_module(module), name)
             ports = closing.enter_context(factory(limits))
             if not isinstance(ports, Ports):
                 raise TypeError(f"it yields {type(ports).__name__}, not Ports")
         yield OpenCell(ports)
-    finally:
-        with _others_code(driver, "closed"):
-            closing.close()
+    except BaseException as error:
+        with suppress(Exception):  # an error of closing does not replace the first one
+            closing.__exit__(type(error), error, error.__traceback__)
+        raise
+    closing.close()
 
 
 @contextmanager
-def _others_code(driver: str, done: str) -> Iterator[None]:
-    """Turn an exception of the driver's own code into ConfigurationError. done: opened, or closed."""
+def _others_code(driver: str) -> Iterator[None]:
+    """Turn an exception of the driver's own code into ConfigurationError while the driver is opened."""
     try:
         yield
     except CellError:
         raise
     except Exception as error:
         raise ConfigurationError(
-            f"the driver '{driver}' cannot be {done}: {type(error).__name__}: {error}",
+            f"the driver '{driver}' cannot be opened: {type(error).__name__}: {error}",
             "MODULE is importable from here, and FACTORY(limits) is a context manager that yields Ports",
         ) from error
 

@@ -4,10 +4,12 @@ there."""
 from __future__ import annotations
 
 import dataclasses
+import sys
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 from typing import cast
 
 import pytest
@@ -15,11 +17,14 @@ import pytest
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.hardware.camera import camera_calibration
 from foldcell.cell.hardware.contract.clauses import CLAUSES, ClauseResult, check_driver
+from foldcell.cell.hardware.contract.opening import opened_rig
 from foldcell.cell.hardware.contract.rig import REASON, Rig
 from foldcell.cell.support.forwarding import forwarding
 from foldcell.robots.errors import ConfigurationError
+from foldcell.robots.model import JointLimits
 from foldcell.robots.ports import Ports, Side
 from tests.broken_drivers import BROKEN, Break, delayed_in, never_moving
+from tests.fakes import FakeCell
 from tests.kinematic_cell import KinematicCell, kinematic_rig
 
 SETTINGS = load_settings()
@@ -80,6 +85,43 @@ def test_a_driver_that_cannot_be_opened_twice_fails_to_reconnect() -> None:
     failed = [r for r in check_driver(once) if not r.passed]
     assert [(r.of.name, r.state) for r in failed] == [("reconnect", "failed")]
     assert "in use" in failed[0].reason
+
+
+@pytest.fixture
+def labs_driver(monkeypatch: pytest.MonkeyPatch) -> list[BaseException | None]:
+    """A driver of another package that cannot be closed. Returns what its connections were told at their end."""
+    ends: list[BaseException | None] = []
+
+    @contextmanager
+    def connect(limits: JointLimits) -> Iterator[Ports]:
+        try:
+            yield FakeCell().ports()
+        except BaseException as error:
+            ends.append(error)
+            raise OSError("the port is gone") from None
+        ends.append(None)
+        raise OSError("the port is gone")
+
+    module = ModuleType("labs_driver")
+    module.connect = connect  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "labs_driver", module)
+    return ends
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), RuntimeError("a bug")])
+def test_a_driver_is_told_what_ended_its_connection(
+    labs_driver: list[BaseException | None], error: BaseException
+) -> None:
+    """Then it can stop the arms. What it raises itself does not replace that."""
+    with pytest.raises(type(error)) as raised, opened_rig("labs_driver:connect", SETTINGS):
+        raise error
+    assert raised.value is error and labs_driver == [error]
+
+
+def test_a_driver_that_cannot_be_closed_fails_to_reconnect(labs_driver: list[BaseException | None]) -> None:
+    reconnect = [clause for clause in CLAUSES if clause.reopens]
+    (found,) = check_driver(lambda: opened_rig("labs_driver:connect", SETTINGS), reconnect)
+    assert found.failed and "the port is gone" in found.reason and labs_driver == [None]
 
 
 def test_a_stop_by_somebody_else_is_never_reset() -> None:
