@@ -33,8 +33,9 @@ class VariantResults:
 @dataclass(frozen=True)
 class CampaignResults:
     """The results of a campaign so far. trials: the performed runs, in order of variant, garment and seed.
-    not_performed: planned runs whose worker process died or could not start them. comparisons: the comparison of
-    each other variant with the first, as (name of the first, name of the other, comparison)."""
+    not_performed: planned runs whose worker process died or could not start them, or whose robot did not start.
+    comparisons: the comparison of each other variant with the first, as (name of the first, name of the other,
+    comparison)."""
 
     campaign: Campaign
     trials: Sequence[Trial]

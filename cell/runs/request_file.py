@@ -100,7 +100,7 @@ def keep_run_inputs(folder: Path, request: FoldRequest, checkpoint: RunContext |
     another one, else None. Raises StorageError."""
     if checkpoint is not None:
         write_checkpoint(folder / BEGAN_WITH, checkpoint, FrameStore(folder / FRAMES))
-    copy_library(request.logs, folder)
+    copy_library(request.logs, folder, skip_unreadable=True)  # the run tells the operator and goes on
     for group, source in request.settings.calibrations.items():
         _copy(source, folder / CALIBRATIONS / f"{group}.yaml")
 

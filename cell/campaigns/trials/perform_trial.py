@@ -44,8 +44,8 @@ def perform_trial(request: TrialRequest, folder: Path, keep: Keep, fold: Fold | 
     function then waits for that process. The remains of a run that was cut off are removed first. fold: performs
     the run; None: the run is performed by this program, or by the version that the request names.
 
-    Raises BrokenExecutor if a signal ended the run, and StorageError if the run could not be recorded: neither is
-    a result of the request, so nothing is written.
+    Raises BrokenExecutor if a signal ended the run, StorageError if the run could not be recorded, and DriverError
+    if its robot did not start: none is a result of the request, so nothing is written.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with _only_one(folder / LOCK):
@@ -72,8 +72,8 @@ def _refuse_cut_off(record: RunRecord | None) -> None:
 
 
 def _perform(request: TrialRequest, folder: Path, fold: Fold) -> Trial:
-    """Perform the run. An exception counts as a result without a record, because the same request would raise it
-    again."""
+    """Perform the run. An exception counts as a result without a record if the same request would raise it again;
+    the others, e.g. that the robot does not start, are passed on."""
     campaign = next((f for f in folder.parents if (f / MANIFEST).is_file()), None)
     try:
         if campaign is not None:  # trajectories that another run optimised must not affect this run

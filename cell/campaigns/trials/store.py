@@ -68,8 +68,8 @@ class CampaignFolder:
 
     @classmethod
     def create(cls, path: Path, campaign: Campaign, logs: Path) -> CampaignFolder:
-        """Write the campaign and a copy of the user's library into the empty folder `path`. Raises
-        StorageError."""
+        """Write the campaign and a copy of the user's library, with its heights of ideal folds, into the empty
+        folder `path`. Raises StorageError."""
         copy_library(logs, path)
         begun = BegunCampaign(
             campaign.about,

@@ -56,14 +56,19 @@ def user_files(logs: Path) -> tuple[Path, Path]:
     return library, user_heights_path(library)
 
 
-def copy_library(source: Path, target: Path) -> None:
-    """Copy the user's library and its heights from one logs folder to another. A file that is missing or cannot be
-    read is skipped, as in a run. Raises StorageError."""
+def copy_library(source: Path, target: Path, skip_unreadable: bool = False) -> None:
+    """Copy the user's library and its heights from one logs folder to another, each if it exists. skip_unreadable:
+    a file that cannot be read counts as missing, as in a run. Raises StorageError."""
     for path in user_files(source):
         try:
             content = path.read_bytes()
-        except OSError:
+        except (FileNotFoundError, NotADirectoryError):
             continue
+        except OSError as error:
+            if skip_unreadable:
+                continue
+            hint = "make it readable, or move it away to use the shipped one"
+            raise StorageError(f"{path} cannot be read: {error.strerror}", hint, path=str(path)) from None
         write_whole(target / path.name, content)
 
 

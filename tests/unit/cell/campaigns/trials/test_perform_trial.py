@@ -13,7 +13,7 @@ import pytest
 
 from foldcell.cell.campaigns.trials.campaign import Keep, TrialRequest
 from foldcell.cell.campaigns.trials.perform_trial import perform_trial
-from foldcell.cell.campaigns.trials.store import CampaignFolder
+from foldcell.cell.campaigns.trials.store import CampaignFolder, is_campaign
 from foldcell.cell.campaigns.trials.trial import TRIAL, Trial, read_trial
 from foldcell.cell.support.process.signals import Terminated
 from foldcell.robots.errors import ConfigurationError, DriverError, FailureKind, StorageError
@@ -65,6 +65,17 @@ def test_a_run_has_the_library_and_the_heights_with_which_its_campaign_began(tmp
     (campaign.path / "ideal_heights.json").write_text("other heights")
     with pytest.raises(ConfigurationError, match="library"):
         campaign.check_program()
+
+
+@pytest.mark.parametrize("name", ["library.json", "ideal_heights.json"])
+def test_a_campaign_does_not_begin_without_a_library_that_is_there(tmp_path: Path, name: str) -> None:
+    """All its runs would use the shipped trajectories, and nobody would notice."""
+    logs = tmp_path / "logs"
+    (logs / name).mkdir(parents=True)
+    (tmp_path / "campaign").mkdir()
+    with pytest.raises(StorageError, match=f"{name} cannot be read"):
+        CampaignFolder.create(tmp_path / "campaign", trials_campaign([1]), logs)
+    assert not is_campaign(tmp_path / "campaign")
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", '{"request": "other"}', '{"figures": null}'])
