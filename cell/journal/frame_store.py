@@ -36,7 +36,7 @@ class FrameStore:
             name = _name(frame)
             path = self._path(name)
             if not path.exists():
-                make_folder(self._folder)
+                make_folder(self._folder, above=False)  # a run's folder that vanished is not made again
                 write_whole(path, packed(plain=np.array(_plain(frame)), rgb=frame.rgb, depth=frame.depth))
             self._known[frame] = name
             return name

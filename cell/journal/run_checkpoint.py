@@ -49,7 +49,7 @@ _ARRAYS = frozenset(
 def write_checkpoint(folder: Path, context: RunContext, frames: FrameStore) -> None:
     """Write the context. It is on disk when the call returns. Raises StorageError."""
     stream = io.BytesIO()
-    pickler = _Pickler(stream, make_folder(folder), frames)
+    pickler = _Pickler(stream, make_folder(folder, above=False), frames)
     try:
         pickler.dump(context)
     except (pickle.PicklingError, TypeError, AttributeError) as e:

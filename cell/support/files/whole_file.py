@@ -56,10 +56,11 @@ def write_whole(path: Path, data: bytes | str, hint: str = HINT) -> None:
         raise _unwritable(path, e, hint) from e
 
 
-def make_folder(folder: Path, hint: str = HINT) -> Path:
-    """Create the folder and those above it, unless they exist, and return it. Raises StorageError."""
+def make_folder(folder: Path, hint: str = HINT, above: bool = True) -> Path:
+    """Create the folder unless it exists, and return it. above: create those above it too. Raises
+    StorageError."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=above, exist_ok=True)
     except OSError as e:
         raise StorageError(f"{folder} cannot be created: {e.strerror}", hint, path=str(folder)) from e
     return folder

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from foldcell.cell.journal.frame_store import FrameStore
+from foldcell.cell.journal.run_checkpoint import write_checkpoint
+from foldcell.cell.states.run_context import RunContext
 from foldcell.robots.errors import StorageError
 from foldcell.robots.ports import CameraFrame, Intrinsics
 
@@ -37,6 +39,16 @@ def test_equal_pictures_are_stored_once_and_different_ones_separately(tmp_path: 
     names = [store.put(p) for p in (picture(1), picture(1), picture(2), picture(1, stamp=1.5))]
     assert names[0] == names[1] and len(set(names)) == 3
     assert len(list((tmp_path / "frames").iterdir())) == 3
+
+
+def test_a_runs_folder_that_vanished_is_not_made_again(tmp_path: Path) -> None:
+    """The run ends instead: a journal without its run's files is of no use."""
+    run = tmp_path / "run"
+    with pytest.raises(StorageError, match="cannot be created"):
+        FrameStore(run / "frames").put(picture(1))
+    with pytest.raises(StorageError, match="cannot be created"):
+        write_checkpoint(run / "checkpoint", RunContext(), FrameStore(run / "frames"))
+    assert not run.exists()
 
 
 def test_a_changed_byte_of_a_picture_is_detected_or_harmless(tmp_path: Path) -> None:
