@@ -75,7 +75,7 @@ class Emulator:
         self._ports, self._node, self._camera, self._tell = ports, node, camera, tell
         self._patience, self._past, self._network = patience, past, network
         self._commanded = dict.fromkeys(Side, (-math.inf, -math.inf))
-        """Arrival of each arm's latest command: cell time and wall time [s]."""
+        """Arrival of each arm's latest command: the emulator's time and wall time [s]."""
         self._command_came = Condition()
         self._messages = load_messages()
         self._motors = Motors(ports.arms, ports.stop)
@@ -85,7 +85,7 @@ class Emulator:
         self._heard, self._published = Line(network), Line(network)
         """Messages on their way to the robot, and those from it."""
         self._enabled_at = -math.inf
-        """Cell time at which the motors were on for the last time [s]."""
+        """The emulator's time at which the motors were on for the last time [s]."""
         self._told: set[str] = set()
         self._publishers: dict[str, Any] = {}
         self._now = ports.clock.now()
