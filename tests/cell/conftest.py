@@ -16,6 +16,9 @@ from tests.runs import Onlooker, fold_request
 SETTINGS = {"optimiser": {"simulations": 2, "use_library": False}, "recorder": {"key_frames": 6}}
 """Only a few simulations, on two threads, and six pictures of each fold, as by default. Other tests check that the
 search finds the optimum."""
+SEED = 7416
+"""A thick fabric: where the hands grasp 10 mm inside the edge, the closing pads push it into a pleat, and the run
+fails."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +38,7 @@ class Seen:
 
 def see(folder: Path, **options: bool) -> Seen:
     onlooker = Onlooker()
-    request = fold_request(folder, SETTINGS, garment="small_towel", seed=1, **options)
+    request = fold_request(folder, SETTINGS, garment="small_towel", seed=SEED, **options)
     result = onlooker.fold(request)
     with Journal.open(request.logs / "journal.db", readonly=True) as journal:
         record = journal.run("last")

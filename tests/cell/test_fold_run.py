@@ -51,6 +51,13 @@ def test_the_observed_height_grows_with_each_fold_and_agrees_with_the_score(seen
     assert steps[-1].observed_height_m == pytest.approx(seen.result.score.height_m, abs=0.007)
 
 
+def test_the_hands_hold_each_layer_once_and_no_pleat(seen: Any) -> None:
+    """The first fold shows how thick a layer is; in the second, two lie on each other."""
+    grasps = [e.payload["held"] for e in seen.entries if e.kind == "result" and e.name == "grasp"]
+    first, second = ([hand["opening_m"] for hand in held.values()] for held in grasps)
+    assert second == pytest.approx([2.0 * np.mean(first)] * 2, rel=0.1)
+
+
 def test_the_json_result_has_all_documented_keys(seen: Any) -> None:
     figures = json.loads(json.dumps(seen.result.as_json(), allow_nan=False))
     for key in ("garment", "seed", "driver", "result", "score", "steps", "robot_time_s", "wall_time_s",
