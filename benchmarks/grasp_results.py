@@ -27,8 +27,9 @@ PAGE = Path(__file__).resolve().parents[1] / "docs" / "results" / "grasps.md"
 NOT_HELD = frozenset({FailureKind.MISSED_GRASP, FailureKind.MISSED_LAYER, FailureKind.NO_CONTACT})
 ABOUT = """# Results: first grasps
 
-Simulated. How often the first grasp of a fold held the planned layers, by the hands' own sensors: the pads'
-opening and force after closing, and again after a lift of 30 mm. Intervals: Wilson, 95 %.
+Simulated. How often the first grasp of a fold held at least the planned layers, by the hands' own sensors: the
+pads' opening and force after closing, and again after a lift of 30 mm. More layers, as in a pleat, count as held.
+Intervals: Wilson, 95 %.
 """
 
 
