@@ -3,9 +3,9 @@
     foldcell trials ...
     python -m benchmarks.grasp_results FOLDER ... --date YYYY-MM-DD --commit HASH
 
-FOLDER: a campaign's folder, or any other that contains journals. Only the first grasp of each fold counts, and
-only if it ended with cloth in the hands or with a failure to hold it. A grasp that was lost in the lift did not
-hold.
+FOLDER: a campaign's folder, or any other that contains journals. They say how many layers each hand held. Only the
+first grasp of each fold counts, and only if it ended with cloth in the hands or with a failure to hold it. A grasp
+that was lost in the lift did not hold.
 """
 
 from __future__ import annotations
@@ -25,24 +25,26 @@ from foldcell.robots.errors import FailureKind
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "results" / "grasps.md"
 NOT_HELD = frozenset({FailureKind.MISSED_GRASP, FailureKind.MISSED_LAYER, FailureKind.NO_CONTACT})
+BY_FOLD = ("garment", "fold", "held", "interval", "more")
 ABOUT = """# Results: first grasps
 
 Simulated. How often the first grasp of a fold held at least the planned layers, by the hands' own sensors: the
-pads' opening and force after closing, and again after a lift of 30 mm. More layers, as in a pleat, count as held.
-Intervals: Wilson, 95 %.
+pads' opening and force after closing, and again after a lift of 30 mm. More layers, as in a pleat, count as held;
+the last column counts the grasps in which a hand held more. Intervals: Wilson, 95 %.
 """
 
 
 @dataclass(frozen=True)
 class FirstGrasp:
     """The first grasp of a fold. tries: number of grasps of this fold, repairs included. what: why it did not
-    hold; empty if it held."""
+    hold; empty if it held. more: whether it held, and a hand held more layers than planned."""
 
     garment: str
     seed: int | None
     fold: str
     tries: int
     what: str = ""
+    more: bool = False
 
 
 def first_grasps(garment: str, seed: int | None, effects: Sequence[Intent]) -> Iterator[FirstGrasp]:
@@ -62,7 +64,9 @@ def first_grasps(garment: str, seed: int | None, effects: Sequence[Intent]) -> I
         if grasp.result is None or (failed is not None and failed.failure not in NOT_HELD):
             continue
         tries = sum(effect.name == Effect.GRASP for effect in made)
-        yield FirstGrasp(garment, seed, names[index], tries, (failed.what or "") if failed else "")
+        hands = [] if failed else grasp.result.payload["held"].values()
+        more = any(hand["layers"] > hand["planned"] for hand in hands)
+        yield FirstGrasp(garment, seed, names[index], tries, (failed.what or "") if failed else "", more)
 
 
 def read_grasps(folder: Path) -> Iterator[FirstGrasp]:
@@ -87,16 +91,20 @@ def page(grasps: Sequence[FirstGrasp], about: str) -> str:
         ABOUT,
         about,
         "",
-        table("By fold", ("garment", "fold", "held", "interval"), [*by_fold, ("all", "", *_share(grasps))]),
+        table("By fold", BY_FOLD, [*by_fold, ("all", "", *_share(grasps))]),
         "",
         table("First grasps that did not hold", ("garment", "seed", "fold", "what was felt", "tries"), missed),
         "",
     ])  # fmt: skip
 
 
-def _share(grasps: Sequence[FirstGrasp]) -> tuple[str, str]:
+def _share(grasps: Sequence[FirstGrasp]) -> tuple[str, str, str]:
     held = sum(not g.what for g in grasps)
-    return f"{held} of {len(grasps)}", interval(wilson_interval(held, len(grasps)))
+    return (
+        f"{held} of {len(grasps)}",
+        interval(wilson_interval(held, len(grasps))),
+        str(sum(g.more for g in grasps)),
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -99,9 +99,14 @@ def grasp(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt) -> 
     if upper.grips:
         record["held_before"] = {s.value: [[g.height, g.layers] for g in t] for s, t in upper.grips.items()}
     held = context.need(closed, record)
-    record |= {"held": {s.value: {"grip_n": h.grip, "opening_m": h.opening} for s, h in held.items()}}
-    openings = [(h.opening - settings.empty_opening) / attempt.grasp_of(s).layers for s, h in held.items()]
-    measured = float(np.mean(openings))  # of a layer between the pads, if each hand holds the planned layers
+    planned = {s: attempt.grasp_of(s).layers for s in held}
+    record["held"] = {
+        s.value: {"grip_n": h.grip, "opening_m": h.opening, "layers": h.count.layers, "planned": planned[s]}
+        for s, h in held.items()
+    }
+    # a pleat between the pads of one hand is not taken for thick fabric
+    exact = [s for s, h in held.items() if h.count.layers == planned[s]] or list(held)
+    measured = float(np.mean([(held[s].opening - settings.empty_opening) / planned[s] for s in exact]))
     fold = replace(fold, held=held, layer_thickness=measured)
     return Result(Event.DONE, replace(context, fold=fold), {**record, "layer_thickness_m": measured})
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Collection
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
@@ -288,6 +289,21 @@ def test_only_a_grasp_under_the_whole_stack_accepts_more_layers(
     for grasp_id, grasp in grasps.items():
         grasps[grasp_id] = replace(grasp, height=(LAYERS + above) * LAYER)
     assert EFFECTS[Effect.GRASP](work, context).event is event
+
+
+@pytest.mark.parametrize(("more", "layer"), [({}, LAYER), ({Side.LEFT}, LAYER), (set(Side), 1.5 * LAYER)])
+def test_a_pleat_in_one_hand_does_not_thicken_the_fabric(
+    more: Collection[Side], layer: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """more: hands that hold a layer more than planned. If both do, the fabric may be thicker than expected."""
+    _, work, context, both = over_cloth(monkeypatch)
+    for side in more:
+        both[side].between = (LAYERS + 1) * LAYER
+    result = EFFECTS[Effect.GRASP](work, replace(context, layer_thickness=LAYER))
+    assert result.context.fold.layer_thickness == pytest.approx(layer, rel=0.05)
+    told: Any = result.record["held"]
+    counted = {side: (told[side]["layers"], told[side]["planned"]) for side in Side}
+    assert counted == {side: (LAYERS + (side in more), LAYERS) for side in Side}
 
 
 def test_each_grasp_retry_squeezes_harder_up_to_the_grippers_limit() -> None:
