@@ -50,6 +50,9 @@ STILL_M, NEARLY_ALL = 0.002, 0.99
 """Largest difference between the smoothed heights of such a garment in two looks, on nearly all of its inner part
 [m]. In pictures of a garment at rest the difference was 0.7 to 0.8 mm. After the garment had been pressed, it was
 6.6 mm."""
+UNKNOWN = 0.15
+"""Largest share of the garment whose height may be unknown in a picture by which a fold is judged. In pictures
+without a fault it is 0.005 to 0.06. A hole over a third of the moved edge made a sag of what was seen beside it."""
 RIM = 5
 """Width of the outer part, where the smoothed heights of cloth and table mix [pixels]."""
 
@@ -80,7 +83,7 @@ def inspect(
     fold, with which the observation is compared as well. earlier: an inspection of the same garment at rest;
     heights are averaged over both looks.
 
-    Failures: CAMERA_FAULT, VIEW_OBSTRUCTED, NO_GARMENT, OUT_OF_VIEW or UNKNOWN_GARMENT (a second garment) if
+    Failures: CAMERA_FAULT (also if the height of too much of the garment is unknown), VIEW_OBSTRUCTED, NO_GARMENT, OUT_OF_VIEW or UNKNOWN_GARMENT (a second garment) if
     nothing can be judged. A bad fold is not a failure: the value's `diagnosis` describes it.
     """
     views = open_views(frame, calibration, table, reference, previous, settings.perception).unwrap()
@@ -95,6 +98,8 @@ def inspect(
     outline, observed = outline_of(view, planned), view.to_table(found.contour)
     R, t = align(outline, observed)
     refuse(_second_garment(found, planned, view))
+    if step is not None:
+        refuse(_height_unknown(found.mask, height))
     edge = None
     before = before or previous
     if step is not None and len(step.grasps) == 2 and before is not None:
@@ -160,6 +165,17 @@ def _second_garment(found: Segmentation, planned: NDArray[np.bool_], view: Table
     return Failure(
         FailureKind.UNKNOWN_GARMENT, "something else lies on the table beside the garment",
         "leave a single garment on the table", {"other_area_share": float(share)},
+    )  # fmt: skip
+
+
+def _height_unknown(mask: NDArray[np.bool_], height: NDArray[np.float32]) -> Failure | None:
+    """Return CAMERA_FAULT if the height (H, W) of too much of the garment (mask, (H, W)) is unknown, else None."""
+    share = float(np.mean(~np.isfinite(height[mask])))
+    if share <= UNKNOWN:
+        return None
+    return Failure(
+        FailureKind.CAMERA_FAULT, f"the camera gives no depth for {share:.0%} of the garment",
+        "keep sunlight and mirrors off the garment, or restart the camera", {"depth_holes": share},
     )  # fmt: skip
 
 

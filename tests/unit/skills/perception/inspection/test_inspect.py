@@ -210,6 +210,17 @@ def test_an_inspection_of_an_empty_table_is_a_failure():
     assert outcome.failure is not None and outcome.failure.kind is FailureKind.NO_GARMENT
 
 
+@pytest.mark.parametrize(("hidden", "kind"), [(0.1, None), (0.3, FailureKind.CAMERA_FAULT)])
+def test_a_fold_is_not_judged_by_a_picture_with_a_hole_in_the_depth_of_the_garment(hidden, kind):
+    """hidden: share of the garment whose depth is missing. Its outline is seen by its colour."""
+    frame = render(Scene(seed=4, polygons=[HALF], thickness=HEIGHT, wobble=0.001))
+    rows, columns = np.nonzero(np.abs(frame.rgb.astype(int) - bare().rgb).sum(axis=2) > 60)
+    depth = frame.depth.copy()
+    depth[rows.min() : rows.max(), columns.min() : int(np.quantile(columns, hidden))] = np.nan
+    outcome = inspect(replace(frame, depth=depth), camera(), TABLE, bare(), PREDICTED, STEP)
+    assert (outcome.failure.kind if outcome.failure else outcome.unwrap().diagnosis) is kind
+
+
 @pytest.mark.parametrize("seed", [4, 6])
 def test_a_good_fold_on_boards_is_accepted_without_a_reference_picture(seed):
     """The method `plain` takes a board of another colour for cloth. The method `grabcut` does not."""
