@@ -52,7 +52,8 @@ STILL_M, NEARLY_ALL = 0.002, 0.99
 6.6 mm."""
 UNKNOWN = 0.15
 """Largest share of the garment whose height may be unknown in a picture by which a fold is judged. In pictures
-without a fault it is 0.005 to 0.06. A hole over a third of the moved edge made a sag of what was seen beside it."""
+without a fault it is 0.005 to 0.06. A hole over a third of the moved edge made a sag of what was seen beside
+it."""
 RIM = 5
 """Width of the outer part, where the smoothed heights of cloth and table mix [pixels]."""
 
@@ -83,8 +84,9 @@ def inspect(
     fold, with which the observation is compared as well. earlier: an inspection of the same garment at rest;
     heights are averaged over both looks.
 
-    Failures: CAMERA_FAULT (also if the height of too much of the garment is unknown), VIEW_OBSTRUCTED, NO_GARMENT, OUT_OF_VIEW or UNKNOWN_GARMENT (a second garment) if
-    nothing can be judged. A bad fold is not a failure: the value's `diagnosis` describes it.
+    Failures: CAMERA_FAULT (also if the height of too much of the garment is unknown), VIEW_OBSTRUCTED, NO_GARMENT,
+    OUT_OF_VIEW or UNKNOWN_GARMENT (a second garment) if nothing can be judged. A bad fold is not a failure: the
+    value's `diagnosis` describes it.
     """
     views = open_views(frame, calibration, table, reference, previous, settings.perception).unwrap()
     found = find_silhouette(views, settings.perception).unwrap()
