@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
+
 from foldcell.cell.config.deciding_setting import deciding_setting, grasping_hint, setting_in_words
 from foldcell.cell.control.checks import stopped
 from foldcell.cell.control.motions.hold_position import wait
@@ -13,6 +15,7 @@ from foldcell.cell.executive.effects.editing import refusal, with_plan_edit, wit
 from foldcell.cell.executive.effects.grasping import DEEPER
 from foldcell.cell.executive.effects.planning import INWARD
 from foldcell.cell.executive.effects.recovery.estimating import SURE
+from foldcell.cell.executive.effects.recovery.repairing import believed
 from foldcell.cell.executive.effects.recovery.spreading import spreadable
 from foldcell.cell.hardware.workcell import Workcell
 from foldcell.cell.states.commands import ABORTED
@@ -25,6 +28,7 @@ from foldcell.cell.states.stages import Spread
 from foldcell.cell.states.transition_table import Event
 from foldcell.robots.errors import Failure, FailureKind
 from foldcell.skills.perception.inspection.diagnosis import lasting_defect
+from foldcell.skills.state_estimate.estimate import NEARLY_ALL
 from foldcell.skills.state_estimate.hypothesis import FoldState
 
 DWELL_PARTS = 20
@@ -121,7 +125,9 @@ def assess(cell: Workcell, context: RunContext, failed: Failure) -> Situation:
         held=bool(fold.held),
         repairing=fold.repair is not None,
         overlap=_value(failed, "iou_aligned", 1.0),
-        deviation_m=max(abs(_value(failed, "edge_deviation_m", 0.0)), _value(failed, "left_behind_m", 0.0)),
+        deviation_m=max(
+            abs(_value(failed, "edge_deviation_m", 0.0)), _value(failed, "left_behind_m", 0.0), _short_of(fold)
+        ),
         lasting_defect=_lasting_defect(cell, fold),
         stood_low=_value(failed, "too_high_m", math.inf) <= 0.0,
         too_many_layers=_value(failed, "layers", 0.0) > _value(failed, "layers_expected", math.inf),
@@ -147,6 +153,17 @@ def _lasting_defect(cell: Workcell, fold: FoldContext) -> bool:
     if attempt is None or attempt.inspection is None:
         return False
     return lasting_defect(attempt.inspection, attempt.step, cell.inspection) is not None
+
+
+def _short_of(fold: FoldContext) -> float:
+    """Return how far the cloth of a fold that is surely half made is believed to lie off its predicted place [m]:
+    a sleeve that one hand has dropped on the shirt does not change the outline. 0 if it is not sure."""
+    found, attempt = fold.estimate, fold.attempt
+    if found is None or attempt is None or found.state is not FoldState.HALF_WAY or found.confidence < SURE:
+        return 0.0
+    lies = believed(fold, attempt)
+    off = lies.hypothesis.shape.vertices - attempt.predicted.vertices if lies else np.zeros((1, 3))
+    return float(np.quantile(np.linalg.norm(off[:, :2], axis=1), NEARLY_ALL))
 
 
 IN_SHAPE = 0.85

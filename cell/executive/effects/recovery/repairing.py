@@ -49,7 +49,7 @@ def choose_repair(cell: Workcell, context: RunContext, plan: Plan, attempt: Atte
     for a fold.
     """
     fold, thickness = context.fold, plan.garment.thickness_of(context.measured_layer)
-    found = _believed(fold, attempt)
+    found = believed(fold, attempt)
     if found is None:
         return _failed(context, _impossible("it is not known how the garment lies"))
     (step,) = translate_plan((attempt.step,), found.drift, found.drift_rad, found.about)
@@ -103,7 +103,7 @@ def choose_repair(cell: Workcell, context: RunContext, plan: Plan, attempt: Atte
     return Result(Event.DONE, replace(context, fold=fold), record)
 
 
-def _believed(fold: FoldContext, attempt: Attempt) -> Fit | None:
+def believed(fold: FoldContext, attempt: Attempt) -> Fit | None:
     """Return how the garment lies. An estimate that one hand has lost its corner is not believed if the inspection
     has seen all of the moved edge, with both corners in place. The fold then lies about as predicted."""
     if fold.estimate is None:

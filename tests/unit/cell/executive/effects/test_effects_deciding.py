@@ -220,13 +220,36 @@ def test_a_hand_that_stood_low_enough_grasps_further_inward_then_upright() -> No
     assert tried == ["inward", "upright", "none"]
 
 
-def lying(state: FoldState, confidence: float = 0.9, second: FoldState = FoldState.BEFORE) -> StateEstimate:
+def lying(
+    state: FoldState, confidence: float = 0.9, second: FoldState = FoldState.BEFORE, off: float = 0.0
+) -> StateEstimate:
     """An estimate of the garment's state, with a shape that fits unless it is a heap. second: the next probable
-    state."""
-    fit: Any = SimpleNamespace(hypothesis=None)
+    state. off: distance of the cloth from its predicted place [m]."""
+    shape = SimpleNamespace(vertices=np.array([[off, 0.0, 0.0]]))
+    fit: Any = SimpleNamespace(hypothesis=SimpleNamespace(interruption=None, shape=shape))
     best = None if state is FoldState.HEAP else fit
     probabilities = dict.fromkeys(FoldState, 0.0) | {second: 1.0 - confidence} | {state: confidence}
     return StateEstimate(state, confidence, best, probabilities, (fit,), 0, np.zeros((3, 2)))
+
+
+@pytest.mark.parametrize(
+    ("estimate", "events"),
+    [
+        (None, [Event.CARRY_ON]),
+        (lying(FoldState.HALF_WAY, 0.91, off=0.058), [Event.LOOK_AFTER, Event.REPAIR]),
+        (lying(FoldState.HALF_WAY, 0.91, off=0.025), [Event.CARRY_ON]),
+        (lying(FoldState.HALF_WAY, 0.7, off=0.058), [Event.CARRY_ON]),
+    ],
+)
+def test_a_sleeve_that_was_dropped_far_off_is_not_folded_under_although_the_outline_is_good(
+    estimate: StateEstimate | None, events: list[Event]
+) -> None:
+    context = planned(carried=True, estimate=estimate)
+    piled = Failure(K.PILING, "it failed", "", {"iou_aligned": 0.99, "edge_deviation_m": 0.007})
+    for event in events:
+        result = choose_next(fake_workcell(FakeCell()), context.with_failure(piled))
+        context = result.context
+        assert result.event is event
 
 
 @pytest.mark.parametrize(
