@@ -11,6 +11,7 @@ import pytest
 from foldcell.cell.journal.journal import Entry, Journal, JournalRun
 from foldcell.cell.record.run_record import RunRecord
 from foldcell.cell.states.fold_request import FoldRequest
+from foldcell.cell.states.transition_table import Effect, Event
 from tests.runs import Onlooker, fold_request
 
 SETTINGS = {"optimiser": {"simulations": 2, "use_library": False}, "recorder": {"key_frames": 6}}
@@ -36,8 +37,7 @@ class Seen:
         return self.record.directory
 
 
-def see(folder: Path, **options: bool) -> Seen:
-    onlooker = Onlooker()
+def see(folder: Path, onlooker: Onlooker, **options: bool) -> Seen:
     request = fold_request(folder, SETTINGS, garment="small_towel", seed=SEED, **options)
     result = onlooker.fold(request)
     with Journal.open(request.logs / "journal.db", readonly=True) as journal:
@@ -48,10 +48,11 @@ def see(folder: Path, **options: bool) -> Seen:
 @pytest.fixture(scope="session")
 def seen(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Seen]:
     """A small towel folded twice, with recording, report and scorer."""
-    yield see(tmp_path_factory.mktemp("seen"), record=True, record_truth=True)
+    yield see(tmp_path_factory.mktemp("seen"), Onlooker(), record=True, record_truth=True)
 
 
 @pytest.fixture(scope="session")
 def unseen(tmp_path_factory: pytest.TempPathFactory) -> Seen:
-    """The same run with the same seed, without recording, scorer and ground truth."""
-    return see(tmp_path_factory.mktemp("unseen"), record=False, record_truth=False)
+    """The same run with the same seed, without recording, scorer and ground truth. The second fold is not made."""
+    ending = {Effect.APPROACH: lambda ports, commands, n: n == 2 and commands.put(Event.ABORT)}
+    return see(tmp_path_factory.mktemp("unseen"), Onlooker(before=ending), record=False, record_truth=False)

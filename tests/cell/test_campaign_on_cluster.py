@@ -9,43 +9,33 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from foldcell.cell.campaigns.executors import cluster_workers, local_workers
+from foldcell.cell.campaigns.executors import cluster_workers
 from foldcell.cell.campaigns.perform_campaign import perform_campaign
-from foldcell.cell.campaigns.trials.campaign import read_campaign
+from foldcell.cell.campaigns.trials.campaign import Campaign, read_campaign
+from foldcell.cell.campaigns.trials.perform_trial import Fold
 from foldcell.cell.campaigns.trials.store import CampaignFolder
 from foldcell.cell.campaigns.trials.trial import Trial
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.robots.errors import ConfigurationError
+from tests.builders.campaigns import logged_fold, trials_campaign
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
 ROOT = Path(__file__).parents[2]
 CAMPAIGN = """
 garments: [small_towel]
+seeds: [1]
 keep: none
 variants:
   no_garment:
     do: [{fault: {kind: no_garment}}]
     cell: {recovery: {patience: 0}}
 """
-UNLIKE = ("wall_time_s", "run_dir", "recording")
-
-
-def outcome(trial: Trial) -> dict[str, Any]:
-    """The values of the record that depend on the request alone."""
-    assert trial.record is not None, trial.error
-    return {name: value for name, value in trial.record.as_json().items() if name not in UNLIKE}
-
-
-def ended(trial: Trial) -> float:
-    assert trial.record is not None, trial.error
-    return (Path(trial.record.run_dir) / "result.json").stat().st_mtime
 
 
 @pytest.fixture
@@ -71,36 +61,38 @@ def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]
         process.wait()
 
 
-def performed(folder: Path, workers: Any, seeds: Sequence[int]) -> list[Trial]:
-    file = folder.with_suffix(".yaml")
-    file.write_text(f"seeds: {[*seeds]}{CAMPAIGN}")
-    campaign = read_campaign(file, load_settings())
+def performed(folder: Path, campaign: Campaign, address: str, fold: Fold | None = None) -> list[Trial]:
     folder.mkdir()
     opened = CampaignFolder.create(folder, campaign, folder)
-    with workers(folder) as chosen:
-        return perform_campaign(opened, chosen, lambda trial: None)
+    with cluster_workers(address, folder) as workers:
+        return perform_campaign(opened, workers, lambda trial: None, fold)
 
 
-def test_a_campaign_loses_nothing_with_a_killed_worker_and_equals_that_of_one_process(
+def test_a_campaign_loses_nothing_with_a_killed_worker_and_the_other_one_folds(
     cluster: tuple[str, list[subprocess.Popen[bytes]]], tmp_path: Path
 ) -> None:
+    """A worker dies among quick runs. A run of the simulated cell follows, in a thread of the other worker."""
     address, processes = cluster
-    folder = tmp_path / "together"
+    folder = tmp_path / "quick"
 
     def kill_one_in_the_midst() -> None:
-        while not list(folder.glob("*/*/trial.json")):
+        while not list(folder.rglob("trial.json")):
             time.sleep(0.05)
         processes[0].send_signal(signal.SIGKILL)
 
     killer = threading.Thread(target=kill_one_in_the_midst, daemon=True)
     killer.start()
-    together = performed(folder, lambda folder: cluster_workers(address, folder), (1, 2, 3))
+    quick = performed(folder, trials_campaign(range(12)), address, logged_fold)
     killer.join(10.0)
     assert processes[0].wait(10.0) == -signal.SIGKILL
-    assert len(together) == 3 and all(trial.performed for trial in together)
-    repeated = max(together, key=ended)  # the killed worker's run ends last, on the other worker
-    (alone,) = performed(tmp_path / "alone", lambda folder: local_workers(1), [repeated.request.seed])
-    assert outcome(alone) == outcome(repeated)
+    assert len(quick) == 12 and all(trial.performed for trial in quick)
+    times = {trial.request.seed: trial.record and trial.record.robot_time_s for trial in quick}
+    assert times == {seed: 30.0 + seed for seed in range(12)}
+
+    (tmp_path / "campaign.yaml").write_text(CAMPAIGN)
+    (trial,) = performed(tmp_path / "whole", read_campaign(tmp_path / "campaign.yaml", load_settings()), address)
+    assert trial.record is not None and trial.record.failure is not None, trial.error
+    assert (trial.record.state, trial.record.failure.kind) == ("not_folded", "no_garment")
 
 
 def test_a_cluster_that_does_not_answer_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

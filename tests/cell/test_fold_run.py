@@ -20,6 +20,7 @@ from foldcell.cell.states.transition_table import TERMINAL, Effect, Event, State
 from foldcell.cell.support.process.lock import is_held
 from foldcell.robots.baxter.robot import load_model
 from foldcell.skills.motion.validation.collision import CollisionChecker
+from tests.runs import LastCommand
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
@@ -287,19 +288,22 @@ def test_optimised_trajectories_are_saved_in_the_user_library(seen: Any) -> None
 
 
 def test_the_same_seed_gives_the_same_journal_without_recording_and_scorer(seen: Any, unseen: Any) -> None:
-    """A run is a function of its seed. Recording and scoring change nothing."""
-    assert list(told(unseen.entries)) == list(told(seen.entries))
+    """A run is a function of its seed. Recording and scoring change nothing, up to the second fold."""
+    second = [i for i, e in enumerate(unseen.entries) if (e.kind, e.name) == ("intent", "approach")][1]
+    assert list(told(unseen.entries[:second])) == list(told(seen.entries[:second]))
 
 
 def test_the_same_seed_sends_the_same_set_points_bit_for_bit(seen: Any, unseen: Any) -> None:
-    a, b = seen.onlooker.set_points, unseen.onlooker.set_points
-    assert [s.t for s in a] == [s.t for s in b]
+    b = first_fold(unseen)
+    a = seen.onlooker.set_points[: len(b)]
+    assert len(b) > 1000 and [s.t for s in a] == [s.t for s in b]
     assert all(np.array_equal(x.q, y.q) and np.array_equal(x.qd, y.qd) for x, y in zip(a, b, strict=True))
 
 
 def test_the_same_seed_gives_the_same_pictures_bit_for_bit(seen: Any, unseen: Any) -> None:
+    inspected = 1 + [effect for effect, _ in unseen.onlooker.performed].index(Effect.INSPECT)
     frames = [
-        [r.context.sight.frame for r in run.onlooker.results if r.context.sight.frame is not None]
+        [r.context.sight.frame for r in run.onlooker.results[:inspected] if r.context.sight.frame is not None]
         for run in (seen, unseen)
     ]
     assert len(frames[0]) > 3
@@ -313,6 +317,12 @@ def test_a_run_without_recording_leaves_no_score_and_no_recording(unseen: Any) -
     left = {p.name for p in unseen.folder.iterdir()}
     assert {"cell.yaml", "request.json", "result.json"} <= left
     assert not left & {"run.rrd", "report.html", "run.transcript"}
+
+
+def first_fold(run: Any) -> list[LastCommand]:
+    """The set-points up to the end of the first fold's retreat; then the run without recording is ended."""
+    retreats = [i for i, s in enumerate(run.onlooker.set_points) if s.effect is Effect.RETREAT]
+    return run.onlooker.set_points[: retreats[-1] + 1]
 
 
 def told(entries: tuple[Entry, ...]) -> Iterator[tuple[Any, ...]]:

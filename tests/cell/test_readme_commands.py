@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import signal
 import subprocess
@@ -12,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from foldcell.cell.commands.main import main
 from tests.cell.test_shipped_scripts import SCRIPTS
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
@@ -37,26 +37,30 @@ def shown() -> list[str]:
     return [line.removeprefix("foldcell ") for line in lines if line.startswith("foldcell ")]
 
 
-def test_every_command_that_readme_shows_does_what_it_says(tmp_path: Path) -> None:
+def test_every_command_that_readme_shows_does_what_it_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     commands = shown()
     assert {*commands} == {*ENDING, *SERVING, ELSEWHERE}, "this test performs other commands than README shows"
-    screenless = {k: v for k, v in os.environ.items() if k not in {"DISPLAY", "WAYLAND_DISPLAY"}}
-    environment = {**screenless, "FOLDCELL_LOGS": str(tmp_path / "logs")}
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setenv("FOLDCELL_LOGS", str(tmp_path / "logs"))
+    for screen in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(screen, raising=False)
     for command in commands:
         if command in ENDING:
-            line = [sys.executable, "-m", "foldcell.cell.commands.main", *command.split()]
-            ended = subprocess.run(line, cwd=ROOT, env=environment, capture_output=True, text=True)
-            assert ended.returncode == 0, f"{command}: {ended.stdout}{ended.stderr}"
+            code = main(command.split())
+            told = capsys.readouterr()
+            assert code == 0, f"{command}: {told.out}{told.err}"
         elif command in SERVING:
-            serve_and_interrupt(command, environment)
+            serve_and_interrupt(command)
     assert ELSEWHERE.split()[1] == str(SCRIPTS.relative_to(ROOT))
 
 
-def serve_and_interrupt(command: str, environment: dict[str, str]) -> None:
+def serve_and_interrupt(command: str) -> None:
     """Start the command, fetch its page, and interrupt it as Ctrl-C does."""
     line = [sys.executable, "-m", "foldcell.cell.commands.main", *command.split()]
     output = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
-    with subprocess.Popen(line, cwd=ROOT, env=environment, text=True, **output) as program:  # type: ignore[call-overload]
+    with subprocess.Popen(line, text=True, **output) as program:  # type: ignore[call-overload]
         told = []
         for text in program.stdout:
             told.append(text)

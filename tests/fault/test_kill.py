@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import signal
 import subprocess
 import sys
 import time
-from contextlib import suppress
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 
+from foldcell.cell.commands.main import main
 from foldcell.cell.journal.journal import Journal, performed
 from foldcell.cell.simulation import Fault, FaultKind
 from foldcell.robots.errors import StorageError
@@ -25,9 +27,11 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 LONGEST_S = 240.0
 
 
-def foldcell(*line: str, timeout: float = 60.0) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "foldcell.cell.commands.main", *line]
-    return subprocess.run(command, capture_output=True, text=True, timeout=timeout)
+def foldcell(*line: str) -> tuple[int, str, str]:
+    """Run a command in this process. Returns its exit code, standard output and standard error."""
+    with redirect_stdout(io.StringIO()) as out, redirect_stderr(io.StringIO()) as error:
+        code = main([*line])
+    return code, out.getvalue(), error.getvalue()
 
 
 def under_way(logs: Path) -> str | None:
@@ -67,7 +71,7 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
             assert process.poll() is None, f"it ended first: {(folder / 'output').read_text()}"
             assert time.monotonic() < deadline
             time.sleep(0.02)
-        while_running = json.loads(foldcell("runs", "--json", "--logs", str(logs)).stdout)
+        while_running = json.loads(foldcell("runs", "--json", "--logs", str(logs))[1])
         process.send_signal(signal.SIGSTOP)  # the process does nothing more until it is killed
         at_the_kill, helpers = under_way(logs), children(process.pid)
     finally:
@@ -93,14 +97,14 @@ def test_the_journal_is_intact_after_a_kill(killed: dict[str, Any]) -> None:
 
 
 def test_the_runs_command_names_the_interrupted_effect(killed: dict[str, Any]) -> None:
-    answer = foldcell("runs", "--json", "--logs", str(killed["logs"]))
-    assert answer.returncode == 0
-    (run,) = json.loads(answer.stdout.rstrip("\n").split("\n")[-1])["runs"]
+    code, told, _ = foldcell("runs", "--json", "--logs", str(killed["logs"]))
+    assert code == 0
+    (run,) = json.loads(told.splitlines()[-1])["runs"]
     assert run["status"] == "interrupted" and run["pid"] == killed["pid"]
     intent = run["last_intent"]
     if killed["under_way"] is not None:  # otherwise the process was killed between two effects
         assert (intent["name"], intent["finished"]) == (killed["under_way"], False)
-        assert f"interrupted during {intent['name']}" in foldcell("runs", "--logs", str(killed["logs"])).stdout
+        assert f"interrupted during {intent['name']}" in foldcell("runs", "--logs", str(killed["logs"]))[1]
 
 
 def test_a_killed_run_leaves_no_result_and_no_report(killed: dict[str, Any]) -> None:
@@ -112,9 +116,9 @@ def test_a_killed_run_leaves_no_result_and_no_report(killed: dict[str, Any]) -> 
 
 def test_a_killed_run_is_replayed_up_to_the_kill(killed: dict[str, Any]) -> None:
     """The replay reaches the grasp. At most the last two seconds are missing."""
-    answer = foldcell("replay", "last", "--decide", "--json", "--logs", str(killed["logs"]))
-    figures = json.loads(answer.stdout.rstrip("\n").split("\n")[-1])
-    assert answer.returncode == 0 and figures["same"], figures
+    code, told, _ = foldcell("replay", "last", "--decide", "--json", "--logs", str(killed["logs"]))
+    figures = json.loads(told.splitlines()[-1])
+    assert code == 0 and figures["same"], figures
     assert figures["broken_off"] == "the transcript breaks off here"
     with Journal.open(killed["logs"] / "journal.db", readonly=True) as journal:
         (run,) = journal.runs()
@@ -147,12 +151,12 @@ def test_the_next_run_can_open_the_cell(killed: dict[str, Any]) -> None:
 
 
 def test_a_killed_run_is_resumed_and_folds_the_garment(killed: dict[str, Any]) -> None:
-    """Another process resumes from disk: it opens the hands, parks, looks again and folds the garment."""
+    """This process resumes from disk: it opens the hands, parks, looks again and folds the garment."""
     logs = killed["logs"]
     folder = min(p for p in logs.iterdir() if p.is_dir())
-    answer = foldcell("resume", folder.name, "--json", "--logs", str(logs), timeout=LONGEST_S)
-    assert answer.returncode == 0, answer.stderr
-    result = json.loads(answer.stdout.rstrip("\n").split("\n")[-1])
+    code, told, error = foldcell("resume", folder.name, "--json", "--logs", str(logs))
+    assert code == 0, error
+    result = json.loads(told.splitlines()[-1])
     assert (result["result"], result["resumed_from"]) == ("folded", folder.name)
     assert [step["done"] for step in result["steps"]] == [True]
     assert result["score"]["passed"], result["score"]
@@ -163,5 +167,5 @@ def test_a_killed_run_is_resumed_and_folds_the_garment(killed: dict[str, Any]) -
         "the table is not photographed again, because it is no longer empty"
     )
     assert not (folder.parent / Path(result["run_dir"]).name / "world.npz").exists()
-    again = foldcell("resume", folder.name, "--logs", str(logs))
-    assert again.returncode == 64 and "was already resumed as" in again.stderr
+    code, _, error = foldcell("resume", folder.name, "--logs", str(logs))
+    assert code == 64 and "was already resumed as" in error

@@ -123,7 +123,7 @@ def parallel(count: int, lean: float, seed: int, moved: bool = True) -> list[Boa
     return out
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize(("lean", "moved"), [(0.2, True), (0.4, True), (0.7, True), (0.5, False)])
 def test_boards_with_equal_orientations_give_no_camera(lean: float, moved: bool, seed: int) -> None:
     refused = fit_intrinsics(parallel(20, lean, seed, moved)).failure

