@@ -15,7 +15,7 @@ from foldcell.cell.executive.effects.checked_motion import (
     unpausable,
     with_waiting_time,
 )
-from foldcell.cell.executive.effects.recovery.freeing import ReleasedCloth, leave_freely
+from foldcell.cell.executive.effects.recovery.freeing import leave_freely
 from foldcell.cell.executive.effects.recovery.parking import calibrated, let_go_and_park, open_hands, park
 from foldcell.cell.executive.effects.recovery.ways_out import CLEARING_DWELL_S, PREPARING_DWELLS_S, plan_rise
 from foldcell.cell.hardware.workcell import Workcell
@@ -108,8 +108,7 @@ def retreat(cell: Workcell, context: RunContext) -> Result:
     biases = context.fold.biases
     way = context.need(plan_rise(cell, tuple(biases)))
     control = replace(pausable(cell), stop_s=QUICK_STOP_S)
-    cloth = ReleasedCloth(_thinnest_layer(context), creased=context.fold.index > 0)
-    left = leave_freely(cell, way, biases, cloth, control)
+    left = leave_freely(cell, way, biases, _thinnest_layer(context), control)
     cell.hand_record.end()
     context = with_waiting_time(context, control)
     felt, attempt = context.need(left), context.fold.attempt

@@ -19,8 +19,6 @@ from foldcell.skills.vocabulary import Outcome, refuse, skill
 
 SPEED = 0.25
 """Maximum speed of the tools [m/s]."""
-CAREFUL_SPEED = 0.09
-"""Maximum speed of the tools in the careful part of a lift [m/s]."""
 STEP = 0.006
 """Distance between two joint samples [m]."""
 UP = np.array([0.0, 0.0, 1.0])
@@ -33,18 +31,16 @@ def plan_lift(
     sides: tuple[Side, ...],
     height: float,
     *,
-    careful: float = 0.0,
     limits: JointLimits | None = None,
 ) -> Outcome[ArmTrajectory]:
     """Plan a straight lift of the hands of `sides` by `height` [m] from q_now (joints,), at rest.
 
-    The hands rise together; a hand that is not listed stays. careful: height up to which they rise slowly [m].
-    limits: the model's planning limits when None.
+    The hands rise together; a hand that is not listed stays. limits: the model's planning limits when None.
     Failures: STALE_STATE (q_now is not a valid state), LIMIT_EXCEEDED (the height is negative, too large or not
     finite, or the limits are so low that the lift would take too long), UNREACHABLE, IN_COLLISION.
     """
     ways = dict.fromkeys(sides, UP)
-    return plan_straight(model, checker, q_now, ways, height, careful=careful, limits=limits)
+    return plan_straight(model, checker, q_now, ways, height, limits=limits)
 
 
 @skill
@@ -55,7 +51,6 @@ def plan_straight(
     ways: Mapping[Side, Array],
     length: float,
     *,
-    careful: float = 0.0,
     speed: float = SPEED,
     limits: JointLimits | None = None,
     name: str = "lift",
@@ -76,9 +71,7 @@ def plan_straight(
         q[:, joints] = found
     if np.abs(q - q_now).max() < 1e-9:
         return Outcome(hold(q_now))
-    # where the hands should be slower, a millimetre counts as more
-    lengths = gone + (speed / CAREFUL_SPEED - 1.0) * np.minimum(gone, careful)
-    motion = time_path(q, limits or model.planning, lengths=lengths[:, None], speed=speed)
+    motion = time_path(q, limits or model.planning, lengths=gone[:, None], speed=speed)
     contact = contact_along(checker, motion, allow_fingertips=True)
     if contact is not None:
         return Outcome(failure=too_near(f"the {name}", str(contact)))

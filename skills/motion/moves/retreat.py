@@ -16,10 +16,6 @@ from foldcell.skills.vocabulary import Outcome
 
 RETREAT_HEIGHT = 0.10
 """Height by which the hands rise after a fold [m]."""
-CAREFUL_RISE = 0.035
-"""Height up to which the hands rise slowly [m]. They close meanwhile, to feel cloth that has stayed on a finger. A
-corner of a small towel that is lifted by 40 mm and laid back lies within 1 mm of its place. After a lift by 50 mm
-it lies within 13 mm, and after 100 mm 59 mm beside its place, because it drags the towel along."""
 HEIGHT_SHARES = (1.0, 0.7, 0.5, 0.35)
 """Shares of the retreat's height that are tried in turn. Even the smallest, 35 mm of 100 mm, clears every
 stack."""
@@ -50,9 +46,7 @@ def plan_retreat(
     limits = limits or model.planning
     first_failure: Failure | None = None
     for share in HEIGHT_SHARES:
-        retreat = plan_lift(
-            model, checker, q_now, sides, share * RETREAT_HEIGHT, careful=CAREFUL_RISE, limits=limits
-        )
+        retreat = plan_lift(model, checker, q_now, sides, share * RETREAT_HEIGHT, limits=limits)
         if retreat.ok:
             park = plan_free_motion(model, checker, retreat.unwrap().q[-1], model.q_park, limits=limits, rng=rng)
             if park.ok:

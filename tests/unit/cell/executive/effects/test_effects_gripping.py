@@ -23,7 +23,7 @@ from foldcell.robots.model import JointLimits
 from foldcell.robots.ports import ArmTrajectory, Side, arm_slice
 from foldcell.skills.fold_plan import pressing
 from foldcell.skills.grasping.confirm import Held, LayerCount
-from foldcell.skills.grasping.empty_hand import CLEAR, NARROW
+from foldcell.skills.grasping.stuck_on_finger import StuckCheck
 from foldcell.skills.grasping.tare import TactileBias
 from foldcell.skills.motion.moves.grasp import Descent
 from foldcell.skills.motion.timing.jerk_limiter import JerkLimiter
@@ -259,7 +259,6 @@ def retreating(
 
     def along(robot: Any, checker: Any, q: Any, path: Any, limits: Any, tool_speed: float) -> Outcome[Any]:
         way = "home" if path[-1, 0] > 0.15 else "up" if path[-1, 0] > path[0, 0] else "down"
-        assert (tool_speed < freeing.FREEING_SPEED) == (way == "up"), "cloth may still be caught"
         return Outcome(SimpleNamespace(name=way, q=path))
 
     def move(
@@ -342,6 +341,12 @@ def rising(
     """The hands of `sides` rise by 10 cm. between: thickness of what stayed between the pads of a hand [m]. Also
     returns the way up, and the commands to the grippers: hand, opening [m], height of the hand [m]."""
     cell, workcell, _ = holding(monkeypatch)
+
+    def along(robot: Any, checker: Any, q: Any, path: Any, limits: Any, tool_speed: float) -> Outcome[Any]:
+        run = way(1.0, np.abs(path[-1] - q).max() / tool_speed + 0.3)
+        return Outcome(replace(run, q=q + run.q * (path[-1] - q), qd=run.qd * (path[-1] - q)))
+
+    monkeypatch.setattr(ways_out, "plan_along", along)
     cell.openings, cell.pads = dict.fromkeys(Side, 0.02), dict.fromkeys(Side, 0.0)
     height = lambda side, q: float(q[arm_slice(side, 14)][0])  # noqa: E731
     monkeypatch.setattr(Hands, "height", lambda _, side, q: height(side, q))
@@ -363,39 +368,32 @@ def rising(
 
 
 UNLOADED = dict.fromkeys(Side, TactileBias(0.0, np.zeros((2, 4, 3)), np.zeros(2), 0.01))
-FLAT = freeing.ReleasedCloth(0.0008, creased=False)
+LAYER = 0.0008
 
 
-@pytest.mark.parametrize(("creased", "above"), [(False, freeing.ABOVE), (True, freeing.ABOVE_CREASE)])
-def test_empty_hands_close_and_open_again_while_they_rise(
-    creased: bool, above: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """They meet further up if a crease of an earlier fold may stand up between them."""
+def test_empty_hands_close_and_open_again_on_their_way_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They close at rest: higher than a crease of an earlier fold, and no further than cloth may be lifted."""
     cell, workcell, up, commands = rising(monkeypatch, {})
-    cloth = replace(FLAT, creased=creased)
-    assert freeing._rise(workcell, up, UNLOADED, cloth, checked_motion.pausable(workcell)) is None
+    assert freeing._rise(workcell, up, UNLOADED, LAYER, checked_motion.pausable(workcell)) is None
     assert {side for side, _, _ in commands} == set(Side)
-    assert all(height >= above for _, _, height in commands)
-    met = [height for _, opening, height in commands if opening < NARROW]
-    assert min(met) == pytest.approx(above + CLEAR, abs=0.002)
+    assert all(0.033 < height < 0.038 for _, _, height in commands)
     assert cell.openings == dict.fromkeys(Side, parking.RELEASE_OPENING) and cell.q == pytest.approx(0.1)
-    assert cell.now < 0.9, "the check takes no time after the rise"
 
 
 @pytest.mark.parametrize("side", Side)
 def test_a_hand_that_closes_on_cloth_while_it_rises_keeps_it(side: Side, monkeypatch: pytest.MonkeyPatch) -> None:
     cell, workcell, up, commands = rising(monkeypatch, {side: 0.0008})
-    failure = freeing._rise(workcell, up, UNLOADED, FLAT, checked_motion.pausable(workcell))
+    failure = freeing._rise(workcell, up, UNLOADED, LAYER, checked_motion.pausable(workcell))
     assert failure is not None and failure.kind is FailureKind.STUCK_ON_FINGER
-    assert failure.values["side"] == side.value
-    closed = [opening for s, opening, _ in commands if s is side]
-    assert cell.openings[side] == 0.0008 and closed[-1] == 0.0 and max(closed) <= NARROW
+    assert failure.values["side"] == side.value and cell.q.max() < 0.038
+    assert cell.openings[side] == 0.0008 and {opening for s, opening, _ in commands if s is side} == {0.0}
 
 
-def test_in_a_pause_no_hand_is_commanded_or_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_in_a_pause_no_hand_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
     """A person may touch the hands meanwhile. The clock of the path shows that the arms rest."""
-    cell, workcell, up, commands = rising(monkeypatch, {side: 0.0008 for side in Side})
-    checks = freeing._HandChecks(workcell, UNLOADED, *freeing._first_checks(workcell, up, UNLOADED, FLAT))
+    cell, workcell, _, _ = rising(monkeypatch, {})
+    checks = {side: StuckCheck(workcell.grasp, bias) for side, bias in UNLOADED.items()}
+    weighing = freeing._Weighing(workcell, checks, dict.fromkeys(Side, 0.04))
     dragging = freeing._dragging(workcell, UNLOADED)
 
     def tick(t: float) -> Tick:
@@ -405,13 +403,28 @@ def test_in_a_pause_no_hand_is_commanded_or_judged(monkeypatch: pytest.MonkeyPat
     for k in range(50):  # the pads are unloaded at first
         assert dragging(tick(0.01 * k)) is None
     cell.q[:] = 0.05
-    assert checks.look(tick(0.5)) is None and len(commands) == 2
+    assert weighing.look(tick(0.5)) is None
     cell.pads = dict.fromkeys(Side, GRIP)
     assert dragging(tick(0.48)) is None
     for _ in range(300):
-        assert checks.look(tick(0.5)) is None and dragging(tick(0.48)) is None
-    assert len(commands) == 2
-    assert any(dragging(tick(0.49 + 0.01 * k)) for k in range(50)), "after the pause the pull is felt"
+        assert weighing.look(tick(0.5)) is None and dragging(tick(0.48)) is None
+    for after in (dragging, weighing.look):
+        assert any(after(tick(0.51 + 0.01 * k)) for k in range(50)), "after the pause the load is felt"
+
+
+@pytest.mark.parametrize("height", [0.03, 0.1])
+def test_hands_are_weighed_above_the_garment(height: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pads that touch the garment on the way up are loaded, too."""
+    cell, workcell, _, _ = rising(monkeypatch, {})
+    cell.openings = dict.fromkeys(Side, pressing.OPENING)
+
+    class Touching(dict[Side, float]):
+        def __getitem__(self, side: Side) -> float:
+            return 0.5 if cell.q.max() < height else 0.0
+
+    cell.pads = Touching(cell.pads)
+    failure = freeing._rise(workcell, way(0.1), UNLOADED, LAYER, checked_motion.pausable(workcell))
+    assert (failure is None) == (height < 0.1)
 
 
 def test_only_a_hand_that_rises_and_obeys_closes(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -422,7 +435,7 @@ def test_only_a_hand_that_rises_and_obeys_closes(monkeypatch: pytest.MonkeyPatch
         raise DriverError(FailureKind.GRIPPER_FAULT, "it reports an error")
 
     monkeypatch.setattr(workcell.ports.grippers[Side.LEFT], "command", refuse)
-    assert freeing._rise(workcell, up, UNLOADED, FLAT, checked_motion.pausable(workcell)) is None
+    assert freeing._rise(workcell, up, UNLOADED, LAYER, checked_motion.pausable(workcell)) is None
     assert not commands and cell.openings == dict.fromkeys(Side, 0.02)
 
 
@@ -434,14 +447,14 @@ def test_a_hand_that_is_in_error_or_not_calibrated_gets_no_command_while_it_rise
     left = workcell.ports.grippers[Side.LEFT]
     seen = left.state
     monkeypatch.setattr(left, "state", lambda: replace(seen(), **state))  # type: ignore[arg-type]
-    assert freeing._rise(workcell, up, UNLOADED, FLAT, checked_motion.pausable(workcell)) is None
+    assert freeing._rise(workcell, up, UNLOADED, LAYER, checked_motion.pausable(workcell)) is None
     assert {side for side, _, _ in commands} == {Side.RIGHT}
 
 
 def test_hands_that_have_pressed_a_crease_do_not_close_on_it(monkeypatch: pytest.MonkeyPatch) -> None:
     cell, workcell, up, commands = rising(monkeypatch, {})
     cell.openings = dict.fromkeys(Side, pressing.OPENING)
-    assert freeing._rise(workcell, up, UNLOADED, FLAT, checked_motion.pausable(workcell)) is None
+    assert freeing._rise(workcell, up, UNLOADED, LAYER, checked_motion.pausable(workcell)) is None
     assert not commands
 
 
@@ -460,7 +473,7 @@ def test_a_hand_that_closed_and_does_not_open_may_hold_cloth(
     control = checked_motion.pausable(workcell)
     if kind is FailureKind.STOPPED:
         with pytest.raises(DriverError):
-            freeing._rise(workcell, up, UNLOADED, FLAT, control)
+            freeing._rise(workcell, up, UNLOADED, LAYER, control)
         return
-    failure = freeing._rise(workcell, up, UNLOADED, FLAT, control)
+    failure = freeing._rise(workcell, up, UNLOADED, LAYER, control)
     assert failure is not None and "may hold the garment" in failure.what
