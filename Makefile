@@ -47,7 +47,7 @@ test: setup-dev        ## lint, types, layers and the whole test suite
 	$(MAKE) --jobs=2 lint compile modules
 	$(BIN)/python -m pytest $(PARALLEL)
 
-quick: setup-dev       ## the tests that take two minutes together: no whole runs, and nothing marked long
+quick: setup-dev       ## the tests that take 80 s of processor time together: no whole runs, and nothing marked long
 	$(BIN)/python -m pytest $(PARALLEL) -m "not slow and not long"
 
 lint: setup-dev

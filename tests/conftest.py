@@ -66,6 +66,7 @@ DRAWS_PICTURES = (
     "cell/report/test_report.py",
     "cell/simulation/test_camera_sensor.py",
     "foldcell/test_api_perceive.py",
+    "foldcell/test_api_threads.py",
     "skills/perception",
     "skills/state_estimate",
 )
@@ -85,6 +86,7 @@ PLANS_MOTIONS = (
 PERFORMS_MANY_RUNS = (
     "cell/campaigns/trials/test_perform_trial.py",
     "cell/commands/test_fault_trials_command.py",
+    "cell/executive/test_every_failure.py",
     "cell/executive/test_random_runs.py",
 )
 DRAWS_MANY_READINGS = (

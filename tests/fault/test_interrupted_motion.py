@@ -22,6 +22,8 @@ from foldcell.skills.motion.timing.timing import free_motion
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
 
+pytestmark = pytest.mark.long
+
 MODEL = load_model()
 THERE = MODEL.q_park + np.r_[-0.5, -0.3, 0.0, -0.6, np.zeros(3), 0.5, -0.3, 0.0, -0.6, np.zeros(3)]
 MOTION = free_motion(MODEL.q_park, THERE, MODEL.planning)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import tokenize
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 FOLDERS = ("benchmarks", "calibration", "cell", "robots", "skills", "tests")
 FORMER = frozenset(
@@ -90,6 +92,7 @@ def identifiers(path: Path) -> set[str]:
         return {token.string for token in tokenize.tokenize(file.readline) if token.type == tokenize.NAME}
 
 
+@pytest.mark.long
 def test_no_file_uses_a_former_name() -> None:
     used = {str(path.relative_to(ROOT)): identifiers(path) & FORMER for path in python_files()}
     assert not {path: names for path, names in used.items() if names}

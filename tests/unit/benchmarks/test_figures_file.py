@@ -57,6 +57,7 @@ def test_a_call_without_a_file_is_refused(module: str, called: Callable[..., tup
     assert code == 64 and f"python -m {module} figures.json" in err
 
 
+@pytest.mark.long
 def test_a_process_refuses_a_missing_file_without_a_traceback(tmp_path: Path) -> None:
     line = [sys.executable, "-m", "benchmarks.cloth.results", str(tmp_path / "figures.json")]
     answer = subprocess.run(line, capture_output=True, text=True)

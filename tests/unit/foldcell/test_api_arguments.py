@@ -166,6 +166,7 @@ def test_the_callers_numeric_state_does_not_reach_a_run(monkeypatch: pytest.Monk
         foldcell.fold("sock", logs=tmp_path)
 
 
+@pytest.mark.long
 def test_perceive_gives_the_same_result_in_any_numeric_state() -> None:
     picture = np.random.default_rng(0).normal(170, 2, (480, 640, 3)).clip(0, 255).astype(np.uint8)
     picture[120:345, 180:480] = (150, 90, 60)

@@ -39,6 +39,7 @@ def test_interval_and_p_value_are_those_of_scipy(b: int, c: int) -> None:
     assert mcnemar_exact(b, c) == pytest.approx(peer.pvalue if peer else 1.0, rel=1e-9)
 
 
+@pytest.mark.long
 def test_the_bootstrap_interval_covers_the_median_as_often_as_it_claims() -> None:
     """Of a normal distribution, 30 values each: 95 % within the error of 300 draws (binomial, 4 sigma)."""
     generator = np.random.default_rng(1)

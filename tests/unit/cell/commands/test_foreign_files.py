@@ -37,6 +37,7 @@ def own_garment(path: Path) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_a_garment_is_drawn_beside_the_photograph_of_its_name(tmp_path: Path) -> None:
     mine, photo = own_garment(tmp_path / "my_shirt.yaml"), photograph(tmp_path / "my_shirt.png")
     line = ["garment", "check", str(mine), "--draw", str(tmp_path), "--no-predictions"]

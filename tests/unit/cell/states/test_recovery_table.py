@@ -35,6 +35,7 @@ def tried(kind: FailureKind, **known: Any) -> list[Recovery]:
     return [choose_recovery(Situation(kind, attempt, **known)) for attempt in range(1, 10)]
 
 
+@pytest.mark.long
 @settings(max_examples=2000)
 @given(
     st.builds(Situation, attempt=st.integers(1, 9), overlap=st.floats(0.0, 1.0), deviation_m=st.floats(0.0, 0.2))

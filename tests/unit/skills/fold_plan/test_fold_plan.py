@@ -158,6 +158,7 @@ def _collapsed(state: GarmentState, garment: Garment) -> GarmentState:
     return replace(state, keypoints={name: np.array([0.5, 0.0]) for name in garment.keypoints})
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["t_shirt", "long_sleeve_shirt_small"])
 def test_a_shirt_can_be_folded_at_any_pose(name: str) -> None:
     """The fold lines pass through corners, and pieces touch in lines and points. Before, the geometry library

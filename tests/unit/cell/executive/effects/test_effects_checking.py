@@ -92,6 +92,7 @@ def test_a_garment_in_its_place_costs_one_glance() -> None:
     assert result.record["moved_m"] < 0.002  # type: ignore[operator]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("shift", "turn"), [((0.08, 0.0), 0.0), ((0.0, -0.015), 0.0), ((0.0, 0.0), 0.1)])
 def test_a_garment_that_was_shoved_is_reported_by_a_still_picture(shift: tuple[float, float], turn: float) -> None:
     at = (HOME[0] + shift[0], HOME[1] + shift[1], HOME[2] + turn)

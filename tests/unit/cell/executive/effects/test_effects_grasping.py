@@ -214,6 +214,7 @@ def test_pads_that_do_not_move_are_a_fault_of_the_gripper(monkeypatch: pytest.Mo
     assert "right gripper" in result.context.failure.what
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("spoil", "kind"),
     [

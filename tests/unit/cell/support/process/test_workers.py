@@ -43,11 +43,10 @@ def alive(pid: int) -> bool:
 
 
 @pytest.mark.parametrize(
-    ("number", "code"),
-    [(signal.SIGKILL, -signal.SIGKILL), (signal.SIGTERM, BY_SIGNAL + signal.SIGTERM),
-     (signal.SIGHUP, BY_SIGNAL + signal.SIGHUP)],
+    ("number", "code", "each"),
+    [(signal.SIGKILL, -signal.SIGKILL, ()), (signal.SIGKILL, -signal.SIGKILL, ("8",)),
+     (signal.SIGTERM, BY_SIGNAL + signal.SIGTERM, ("8",)), (signal.SIGHUP, BY_SIGNAL + signal.SIGHUP, ())],
 )  # fmt: skip
-@pytest.mark.parametrize("each", [(), ("8",)])
 def test_no_worker_is_left_behind(tmp_path: Path, number: int, code: int, each: tuple[str, ...]) -> None:
     script, told = tmp_path / "maker.py", tmp_path / "pid"
     script.write_text(MAKER)
