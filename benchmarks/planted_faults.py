@@ -195,10 +195,11 @@ def _write(path: Path, source: str) -> None:
 
 
 def copied(folder: Path) -> Path:
-    """Copy the files of the repository, with what is compiled already, and without its runs."""
+    """Copy the files of the repository, with what is compiled already, and without its runs. The links in
+    `foldcell` stay links: a fault that is planted in a file is then in the module that the tests import."""
     root = folder / "repository"
     left_out = shutil.ignore_patterns(".*", "logs", "build", "*.egg-info")
-    shutil.copytree(ROOT, root, ignore=left_out)
+    shutil.copytree(ROOT, root, symlinks=True, ignore=left_out)
     return root
 
 

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import ast
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -93,3 +96,13 @@ def test_a_fault_is_caught_if_a_test_fails_and_the_source_is_restored(
     lines = capsys.readouterr().out.splitlines()
     assert lines[-1] == "1 of 4 caught"
     assert sorted(line.split(" halves")[0].strip() for line in lines[:-1]) == ["NOT CAUGHT"] * 3 + ["caught"]
+
+
+def test_a_planted_fault_is_in_the_module_that_the_tests_import(tmp_path: Path) -> None:
+    root = planted_faults.copied(tmp_path)
+    code = "import foldcell.robots.setpoint as planted; print(planted.__file__)"
+    line = [sys.executable, "-c", code]
+    done = subprocess.run(
+        line, cwd=root, env={**os.environ, "PYTHONPATH": str(root)}, capture_output=True, text=True
+    )
+    assert Path(done.stdout.strip()).resolve() == (root / "robots" / "setpoint.py").resolve()
