@@ -14,9 +14,9 @@ from foldcell.cell.states.fold_request import FoldRequest
 from foldcell.cell.states.transition_table import Effect, Event
 from tests.runs import Onlooker, fold_request
 
-SETTINGS = {"optimiser": {"simulations": 2, "use_library": False}, "recorder": {"key_frames": 6}}
-"""Only a few simulations, on two threads, and six pictures of each fold, as by default. Other tests check that the
-search finds the optimum."""
+SETTINGS = {"optimiser": {"simulations": 2, "use_library": False}, "recorder": {"key_frames": 3}}
+"""Only a few simulations, on two threads, and three pictures of each fold. Other tests check that the search
+finds the optimum."""
 SEED = 7416
 """A thick fabric: where the hands grasp 10 mm inside the edge, the closing pads push it into a pleat, and the run
 fails."""

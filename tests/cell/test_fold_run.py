@@ -261,7 +261,7 @@ def test_the_report_loads_no_external_resources(seen: Any) -> None:
     page.feed(text)
     styled = [u for u in re.findall(r"url\(\s*['\"]?([^'\")]+)", text) if not u.startswith(("data:", "#"))]
     assert page.fetched + styled + re.findall(r"@import[^;]+", text) == []
-    assert page.pictures >= 12, "six key frames of each fold"
+    assert page.pictures >= 6, "three key frames of each fold"
 
 
 def test_the_report_names_every_step_and_the_robot_time(seen: Any) -> None:

@@ -1,7 +1,7 @@
 """The scripts of tests/hil and tests/hil/faults: each ends as it expects in the simulated cell. What else is asked
 of a run is in ALSO.
 
-`make hil` performs all of them. The suite performs PART, three minutes of processor time at most; the others are
+`make hil` performs all of them. The suite performs PART, a minute of processor time at most; the others are
 marked `hil`: `pytest -m hil` performs them.
 """
 
@@ -27,11 +27,10 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 ROOT = Path(__file__).parents[2]
 SCRIPTS = ROOT / "tests" / "hil"
 IN_THE_TEST_OF_THE_COMMAND = {"no_garment", "abort_with_cloth_in_the_hands"}
-"""Performed by test_hil_command.py: what nobody can mend, and an abort."""
-PART = {"stop_in_mid_fold", "missed_grasp", "gripper_stuck", "camera_black", "faults/joint_state_nan_for_good"}
-"""One script of each other kind of ending: a stop, a recovery to the end, a question that a person has to answer,
-an answer of the cell before anything moves, and a fault after which nothing may move. A fold that is paused and
-goes on is in test_supervised_run.py."""
+"""Performed by test_hil_command.py: a question that a person has to answer, and an abort."""
+PART = {"stop_in_mid_fold", "missed_grasp", "camera_black", "faults/joint_state_nan_for_good"}
+"""One script of each other kind of ending: a stop, a recovery to the end, an answer of the cell before anything
+moves, and a fault after which nothing may move. A fold that is paused and goes on is in test_supervised_run.py."""
 ALL = sorted(
     str(path.relative_to(SCRIPTS).with_suffix(""))
     for path in SCRIPTS.rglob("*.yaml")

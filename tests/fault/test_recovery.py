@@ -103,7 +103,7 @@ def test_a_camera_failure_during_a_fold_changes_neither_the_fold_nor_its_inspect
     recognised as a smaller flat one."""
     onlooker, request = Onlooker(), fold_request(tmp_path, {"recorder": {"key_frames": 6}, **PLAIN})
     onlooker.after[Effect.LIFT] = lambda ports, commands, n: onlooker.inject(
-        Fault(FaultKind.CAMERA_SILENT, duration=6.0)
+        Fault(FaultKind.CAMERA_SILENT, duration=8.0)
     )
     onlooker.after[Effect.INSPECT] = abort
     onlooker.fold(request)

@@ -136,7 +136,7 @@ def test_noise_and_joint_offsets_cost_a_millimetre_and_are_reported(robot: Robot
 
 
 @pytest.mark.parametrize("settings", [HandEyeSettings(8), HandEyeSettings.with_lens_of_data_sheet(8)])
-@pytest.mark.parametrize("scale", [0.97, 0.98, 0.995, 1.02])
+@pytest.mark.parametrize("scale", [0.97, 0.995, 1.02])
 def test_a_board_of_another_size_is_refused_with_its_size(
     robot: RobotModel, scale: float, settings: HandEyeSettings
 ) -> None:
@@ -164,8 +164,7 @@ def test_an_inaccurate_lens_calibration_shows_in_the_standard_deviation(robot: R
     assert 0.5 < mm < 2.5 * 1e3 * found.position_sigma
 
 
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("wrong", [0.01, 0.02, 0.05])
+@pytest.mark.parametrize(("wrong", "seed"), [(0.01, 0), (0.02, 1), (0.05, 2)])
 def test_one_wrong_joint_reading_shows_in_the_standard_deviation(
     robot: RobotModel, wrong: float, seed: int
 ) -> None:
