@@ -171,9 +171,9 @@ class ParkConfig(_Group):
 class PerceptionConfig(_Group):
     """Thresholds for accepting a recognised garment (foldcell.skills.perception.settings)."""
 
-    method: Literal["reference", "plain", "grabcut", "watershed"] = Field(
-        description="segmentation: reference (picture of the empty table), plain (table colour), grabcut (table "
-        "pattern) or watershed (method of the paper)"
+    method: Literal["reference", "plain", "grabcut"] = Field(
+        description="segmentation: reference (picture of the empty table), plain (table colour) or grabcut "
+        "(table pattern)"
     )
     min_fit: float = _number(0.0, 1.0, "", "minimum quality of the fit of a recognised garment's outline")
     least_confidence: float = _number(

@@ -19,9 +19,8 @@ class PerceptionSettings:
     """Thresholds of recognition. Lengths [m]; shares and overlaps 0..1. Those without a default come from the
     group `perception` of the cell's settings. Constants stand beside the functions that use them.
 
-    method: 'reference', 'plain', 'grabcut' or 'watershed' (the paper's). Without a picture of the empty table,
-    'reference' means 'plain'. If that finds no garment, 'grabcut' is tried, and last the proposals of
-    `propose_garments`.
+    method: 'reference', 'plain' or 'grabcut'. Without a picture of the empty table, 'reference' means 'plain'. If
+    that finds no garment, 'grabcut' is tried, and last the proposals of `propose_garments`.
     """
 
     method: str

@@ -2,7 +2,7 @@
 it finds the garment's silhouette without recognising it.
 
 `reference` compares the picture with that of the empty table, `plain` with a smooth table colour that is fitted to
-the view's rim. `grabcut` also works on a patterned table. `watershed` is the paper's method.
+the view's rim. `grabcut` also works on a patterned table.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from collections.abc import Iterator
 from foldcell.skills.perception.segmentation.grabcut import segment_grabcut
 from foldcell.skills.perception.segmentation.mask import Segmentation
 from foldcell.skills.perception.segmentation.reference import segment_plain, segment_reference
-from foldcell.skills.perception.segmentation.watershed import segment_watershed
 from foldcell.skills.perception.settings import MIN_SEGMENTATION, PerceptionSettings
 from foldcell.skills.perception.usable_region import intrusion, touches_border
 from foldcell.skills.perception.views import Views
@@ -25,18 +24,16 @@ _MARGIN = 2
 def segmentations(views: Views, method: str) -> Iterator[tuple[str, Segmentation]]:
     """Yield the segmentations to try in turn, each with the name of its method.
 
-    method: 'reference', 'plain', 'grabcut' or 'watershed'. Without a picture of the empty table, 'reference' means
-    'plain' and, if that fails, 'grabcut'. Raises ValueError for another method.
+    method: 'reference', 'plain' or 'grabcut'. Without a picture of the empty table, 'reference' means 'plain' and,
+    if that fails, 'grabcut'. Raises ValueError for another method.
     """
     rgb, valid = views.seen.rgb, views.seen.valid
     if method == "reference" and views.empty is not None:
         yield method, segment_reference(rgb, views.empty.rgb, valid, views.height)
     elif method in ("reference", "plain"):
         yield "plain", segment_plain(rgb, valid, views.height)
-    elif method == "watershed":
-        yield method, segment_watershed(rgb, valid)
     elif method != "grabcut":
-        raise ValueError(f"method {method!r} is none of reference, plain, grabcut, watershed")
+        raise ValueError(f"method {method!r} is none of reference, plain, grabcut")
     if method == "grabcut" or (method == "reference" and views.empty is None):
         yield "grabcut", segment_grabcut(rgb, valid)
 

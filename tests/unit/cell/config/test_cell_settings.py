@@ -330,10 +330,10 @@ def test_every_settings_key_is_used() -> None:
 
 def test_thresholds_of_a_file_reach_the_skills(tmp_path: Path) -> None:
     path = tmp_path / "cell.yaml"
-    path.write_text("perception: {method: watershed, flat_height: 0.03}\ninspection: {drift_deg: 90e-1, iou: 0.8}")
+    path.write_text("perception: {method: grabcut, flat_height: 0.03}\ninspection: {drift_deg: 90e-1, iou: 0.8}")
     settings = load_settings(path)
     inspection = settings.inspection.settings(settings.perception)
-    assert inspection.perception.method == "watershed" and inspection.perception.flat_height == 0.03
+    assert inspection.perception.method == "grabcut" and inspection.perception.flat_height == 0.03
     assert inspection.drift_angle == pytest.approx(np.pi / 20) and inspection.iou == 0.8
 
 

@@ -2,6 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
+from benchmarks.perception.paper_method import segment_watershed
 from foldcell.cell.hardware.photograph import photographed
 from foldcell.skills.perception.outline import smooth_closed
 from foldcell.skills.perception.rectification.heights import height_above
@@ -11,7 +12,6 @@ from foldcell.skills.perception.segmentation.colour_model import log_colour
 from foldcell.skills.perception.segmentation.grabcut import segment_grabcut
 from foldcell.skills.perception.segmentation.reference import segment_plain, segment_reference
 from foldcell.skills.perception.segmentation.table_model import light_change
-from foldcell.skills.perception.segmentation.watershed import segment_watershed
 from tests.scenes import TABLE, TOWEL, Scene, camera, empty, place, render
 
 VIEW = TableView(camera(), TABLE)
