@@ -18,6 +18,7 @@ from foldcell.skills.grasping.descend import (
     descend,
     start_descent,
 )
+from foldcell.skills.grasping.hand_reading import HandReading
 from foldcell.skills.vocabulary import Outcome
 from tests.builders.shipped_settings import GRASP
 from tests.hands import DescendingHand
@@ -59,6 +60,21 @@ def test_a_table_at_an_unexpected_height_is_found(table: float) -> None:
         end, _ = lower(hand)
         assert end.unwrap().by == "tip"
         assert end.unwrap().height == pytest.approx(table, abs=0.001)
+
+
+@pytest.mark.parametrize("zero", [-1.0, 1.0])
+def test_tips_that_do_not_read_zero_without_load_feel_the_table_all_the_same(zero: float) -> None:
+    """zero: their reading in the air [N], which the tare has measured. The first touch counts from 0.35 N."""
+
+    class Shifted(DescendingHand):
+        def read(self) -> HandReading:
+            reading = super().read()
+            return replace(reading, tactile=replace(reading.tactile, tip=reading.tactile.tip + zero))
+
+    for seed in range(20):
+        hand = Shifted(seed, 1.0, TOP)
+        end, _ = lower(hand)
+        assert end.unwrap().by == "tip" and abs(end.unwrap().height) < 0.001 and hand.peak < 6.0
 
 
 @pytest.mark.parametrize("scale", [1.0, 2.0])

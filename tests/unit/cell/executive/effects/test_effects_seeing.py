@@ -20,7 +20,7 @@ from foldcell.cell.executive.effects.seeing import await_garment, look, photogra
 from foldcell.cell.hardware.workcell import Workcell
 from foldcell.cell.states.run_context import Result, RunContext
 from foldcell.cell.states.transition_table import Effect, Event
-from foldcell.robots.errors import Failure, FailureKind
+from foldcell.robots.errors import DriverError, Failure, FailureKind
 from foldcell.robots.ports import CameraFrame
 from foldcell.skills.vocabulary import Outcome
 from tests.builders.contexts import context_with
@@ -104,6 +104,27 @@ def test_the_view_uses_the_refined_camera_pose() -> None:
     watch = _photographer(workcell, refined, np.array([0.0]), [])
     watch(Tick(0.0, workcell.ports.arms.state()))
     assert shown == [workcell.calibration, refined, refined]
+
+
+def test_a_fold_is_photographed_once_at_each_moment() -> None:
+    """A picture that is not ready is asked for again. A camera that fails costs this picture, and no motion."""
+    shown: list[Any] = []
+    workcell, camera = seeing(recorder=SimpleNamespace(camera=lambda *_: shown.append(at)))
+    answers: list[Any] = [None, "picture", DriverError(FailureKind.CAMERA_FAULT, "no picture"), "picture"]
+    take = camera.glimpse
+
+    def glimpse() -> CameraFrame | None:
+        answer = answers.pop(0)
+        if isinstance(answer, DriverError):
+            raise answer
+        return take() if answer else None
+
+    camera.glimpse = glimpse  # type: ignore[method-assign, assignment]
+    pictures: list[CameraFrame] = []
+    watch = _photographer(workcell, workcell.calibration, np.array([0.2, 0.5, 0.8]), pictures)
+    for at in np.arange(0.0, 1.0, 0.1).round(1):
+        assert watch(Tick(float(at), workcell.ports.arms.state())) is None
+    assert shown == [0.3, 0.8] and len(pictures) == 2 and not answers
 
 
 def test_a_failed_look_counts_as_one_camera_fault() -> None:

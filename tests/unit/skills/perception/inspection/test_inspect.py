@@ -9,6 +9,7 @@ from foldcell.skills.perception.inspection.diagnosis import beyond_limits, diagn
 from foldcell.skills.perception.inspection.figures import left_behind
 from foldcell.skills.perception.inspection.moved_edge import MovedEdge
 from foldcell.skills.perception.inspection.predicted_view import draw_shape
+from foldcell.skills.perception.inspection.target_view import FoldTarget
 from foldcell.skills.perception.rectification.table_view import TableView
 from foldcell.skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId, PredictedShape
 from tests.builders.shipped_settings import INSPECTION, inspect
@@ -199,6 +200,14 @@ def test_heights_are_used_if_one_end_of_the_moved_edge_is_unseen(end):
     assert partly.edge.corner == 0.0 and partly.edge.sag == pytest.approx(0.0)
     assert diagnose(partly, STEP, settings)[0] is FailureKind.DROPPED_CORNER
     assert "a target lacks" in ", ".join(beyond_limits(partly, settings))
+
+
+def test_an_inspection_compares_the_fold_with_its_target_too():
+    scene = Scene(seed=4, polygons=[HALF], thickness=HEIGHT, wobble=0.001)
+    picture, target = render(scene), FoldTarget(PREDICTED, HALF[:2])
+    seen = inspect(picture, camera(), TABLE, bare(), PREDICTED, STEP, target=target).unwrap()
+    assert seen.target is not None and seen.target.iou == pytest.approx(seen.iou_aligned, abs=0.01)
+    assert look([HALF]).unwrap().target is None
 
 
 def test_a_bad_edge_without_a_known_step_is_off_target():
