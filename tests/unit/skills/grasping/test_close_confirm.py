@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from foldcell.robots.errors import FailureKind
-from foldcell.skills.grasping.close import Closed, CloseState, close, start_close
+from foldcell.skills.grasping.close import Closed, CloseState, MovingPads, close, start_close
 from foldcell.skills.grasping.confirm import (
     Confirmation,
     Expectation,
@@ -69,6 +69,15 @@ def test_pads_close_until_they_press_or_come_to_rest(scale: float, thickness: fl
         end, _ = close_on(hand)
         assert abs(hand.opening - thickness) < 1e-9, "closing does not end before the pads have met"
         assert end.unwrap().seconds < 0.6
+
+
+def test_presses_in_a_row_are_counted_from_the_first_reading() -> None:
+    hand = SensedHand(3)
+    bias, pads = bias_of(hand), MovingPads()
+    for force, expected in ((10.0, 1), (10.0, 2), (0.0, 0), (10.0, 1)):
+        hand.pads = np.full(2, force)
+        pads = pads.after(hand.read(), bias, 1.0, 5)
+        assert pads.pressed == expected
 
 
 def test_closing_without_force_ends_when_the_pads_stand_still() -> None:
