@@ -3,7 +3,10 @@
 import numpy as np
 
 from foldcell.cell.control.hand_record import HandRecord
+from foldcell.cell.control.motion import Tick
 from foldcell.robots.ports import JointState, Side
+from tests.fakes import FakeCell
+from tests.workcells import fake_workcell
 
 OPENINGS = {Side.LEFT: 0.002, Side.RIGHT: 0.003}
 
@@ -52,3 +55,18 @@ def test_a_hand_that_came_free_late_clung_to_the_cloth_until_then():
     assert record.clung_until == {Side.LEFT: 3.0}
     record.begin()
     assert not record.clung_until
+
+
+def test_a_motion_of_the_arms_is_recorded_with_both_grippers():
+    """After an arm has fallen with cloth in its hand, these readings tell where the cloth was lost."""
+    cell = FakeCell(q=np.full(14, 0.2))
+    cell.openings = {Side.LEFT: 0.002, Side.RIGHT: 0.003}
+    hands = fake_workcell(cell).hands
+    hands.record.begin()
+    watch = hands.recording()
+    for _ in range(3):
+        cell.now += 0.01
+        assert watch(Tick(cell.now, hands.ports.arms.state())) is None
+    t, joints, openings = hands.record.readings()
+    assert len(t) == 3 and (joints == 0.2).all()
+    np.testing.assert_array_equal(openings, [[0.002, 0.003]] * 3)
