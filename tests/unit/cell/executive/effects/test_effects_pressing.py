@@ -395,6 +395,24 @@ def test_a_strongly_pushed_hand_stops_within_a_short_distance(
     )
 
 
+def test_pauses_before_and_while_the_hands_press_are_no_robot_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    workcell = cell_with(tmp_path, max_attempts=1)
+    context = replace(standing_by(workcell, monkeypatch), waited_s=1.0)
+
+    def move(cell: Any, trajectory: Any, control: PathControl | None = None) -> None:
+        (control or PathControl(None, cell.robot.protective, cell.limits)).waited_s += 2.0
+
+    def stream(loop: Any, trajectory: Any, watch: Any, control: PathControl) -> Outcome[Any]:
+        control.waited_s += 4.0
+        return Outcome(())
+
+    monkeypatch.setattr(pressing, "move", move)
+    monkeypatch.setattr(pressing, "stream", stream)
+    assert press(workcell, context).context.waited_s == 7.0
+
+
 @pytest.mark.parametrize(("force", "stamp"), [(float("nan"), 0.0), (0.0, -1.0)])
 def test_unreadable_fingertips_end_pressing_as_a_failure(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, force: float, stamp: float
