@@ -153,6 +153,17 @@ def test_the_picture_is_served_with_its_number(address: str, view: LiveView) -> 
     assert cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR) is not None
 
 
+def test_a_page_is_told_at_once_of_a_new_picture(
+    address: str, view: LiveView, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not only by the next heartbeat."""
+    monkeypatch.setattr("foldcell.cell.operator.console.server.ALIVE_S", 1000.0)
+    with linked(address) as link:
+        told(link, "run_status")
+        view.between(FakeCell().ports()).stop.state()
+        assert heard(link, lambda m: m.get("picture") is not None)["picture"]["number"] >= 0
+
+
 @pytest.mark.parametrize("path", ["", "0123456789abcdef/", "../"])
 def test_the_page_needs_the_secret_address(address: str, path: str) -> None:
     with pytest.raises(urllib.error.HTTPError) as error:
