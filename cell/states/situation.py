@@ -46,9 +46,10 @@ class Situation:
     attempt: number of failures of this kind in the present fold, this one included; the verdicts of inspections
     count together. patience_s: how long the cell looks again after a failure of seeing [s]. edited: whether the
     operator has changed the plan of the fold, and the hands have not approached yet. held: whether a hand holds
-    cloth. If an inspection failed, overlap: IoU of observed and predicted shape; deviation_m: the larger of the
-    outline's deviation and the length of cloth left behind [m]; lasting_defect: whether the finished garment would
-    fail by the shape of this fold. The conditions below explain the other values.
+    cloth. If an inspection failed, overlap: IoU of observed and predicted shape; deviation_m: the largest of the
+    outline's deviation, the length of cloth left behind, and how far a fold that is surely half made lies off its
+    place [m]; lasting_defect: whether the finished garment would fail by the shape of this fold. The conditions
+    below explain the other values.
     """
 
     kind: FailureKind

@@ -13,7 +13,7 @@ import numpy as np
 
 from foldcell.skills.grasping.close import CLOSE_TIMEOUT, STILL_WINDOW, MovingPads
 from foldcell.skills.grasping.hand_reading import GripCommand, HandReading, validate_reading
-from foldcell.skills.grasping.release import RELEASE_FORCE
+from foldcell.skills.grasping.release import RELEASE_FORCE, RELEASE_TIMEOUT
 from foldcell.skills.grasping.settings import GraspSettings
 from foldcell.skills.grasping.tare import TactileBias
 from foldcell.skills.vocabulary import Failure, FailureKind, Outcome
@@ -30,41 +30,56 @@ STILL = 0.0008
 their noise. Saturated pads seem to press, too, but move on until they meet."""
 
 
+OPENED = 0.010
+"""Pads that are this far apart hold no cloth [m]."""
+
+
 @dataclass(frozen=True, eq=False)
 class EmptyCheck:
     """State of the check. layer: smallest thickness of a layer of the cloth [m]. opening: distance to which the
-    pads open again [m]. since: when they began to close [s]."""
+    pads open again [m]. since: when they began to close, then to open [s]. met: distance at which they met, rested
+    or were late [m], NaN if it was not measured; None while they close."""
 
     settings: GraspSettings
     bias: TactileBias
     layer: float
     opening: float
     since: float
+    met: float | None = None
     pads: MovingPads = field(default_factory=MovingPads)
 
 
 def check_empty(reading: HandReading, state: EmptyCheck) -> tuple[GripCommand, EmptyCheck | Outcome[float]]:
-    """Process the reading of one tick, while the hand rests above the cloth that it has released. Returns the
-    distance at which the pads met, rested or were late [m]; the last command opens them again.
+    """Process the reading of one tick, while the hand rests above the cloth that it has released. Ends with the
+    distance `EmptyCheck.met`, when the pads are open again, or after `RELEASE_TIMEOUT`.
 
     Pads that neither meet each other nor feel cloth open again after `CLOSE_TIMEOUT`, or as soon as they rest.
     Readings that cannot be used are passed over. Failure: STUCK_ON_FINGER, with the cloth between the closed pads.
     """
-    closing, opening = GripCommand(0.0, RELEASE_FORCE), GripCommand(state.opening, RELEASE_FORCE)
+    if state.met is None:
+        after = _close(reading, state)
+        if isinstance(after, Outcome) or after.met is None:
+            return GripCommand(0.0, RELEASE_FORCE), after
+        state = after
+    opened = validate_reading(reading) is None and reading.gripper.opening >= OPENED
+    ended = opened or reading.stamp - state.since > RELEASE_TIMEOUT
+    return GripCommand(state.opening, RELEASE_FORCE), Outcome(state.met) if ended else state
+
+
+def _close(reading: HandReading, state: EmptyCheck) -> EmptyCheck | Outcome[float]:
     s, apart = state.settings, np.nan
     if validate_reading(reading) is None:
         state = replace(state, pads=state.pads.after(reading, state.bias, s.held_force, MET_READINGS))
         latest = [distance for _, distance in state.pads.openings[-MET_READINGS:]]
         apart = float(np.mean(latest)) - s.empty_opening
         if len(latest) == MET_READINGS and apart < MET * state.layer:
-            return opening, Outcome(apart)
+            return replace(state, met=apart, since=reading.stamp)
         if state.pads.pressed >= HELD_READINGS and np.ptp(latest) < STILL:
-            return closing, Outcome(failure=_held(reading, apart))
+            return Outcome(failure=_held(reading, apart))
         if state.pads.pressed == 0 and _at_rest(state):
-            return opening, Outcome(apart)
-    if reading.stamp - state.since > CLOSE_TIMEOUT:
-        return opening, Outcome(apart)
-    return closing, state
+            return replace(state, met=apart, since=reading.stamp)
+    late = reading.stamp - state.since > CLOSE_TIMEOUT
+    return replace(state, met=apart, since=reading.stamp) if late else state
 
 
 def _at_rest(state: EmptyCheck) -> bool:

@@ -17,7 +17,7 @@ Simulate = Callable[[Sequence[Interruption]], Sequence[Array]]
 """Simulates interrupted folds: returns the vertices (n, 3) after each of them."""
 
 ONE_HAND = 2  # the loss of the cloth by one hand is simulated at every second moment
-NEARLY_ALL = 0.98  # share of the vertices that decides how far one shape is from another
+NEARLY_ALL = 0.98  # share of the vertices that decides whether two shapes are the same
 MEASURED = Interruption(measured=True)
 REACTION = 0.12  # share of the way between the slip of one hand and the opening of the other, at first
 

@@ -28,7 +28,6 @@ from foldcell.cell.states.stages import Spread
 from foldcell.cell.states.transition_table import Event
 from foldcell.robots.errors import Failure, FailureKind
 from foldcell.skills.perception.inspection.diagnosis import lasting_defect
-from foldcell.skills.state_estimate.estimate import NEARLY_ALL
 from foldcell.skills.state_estimate.hypothesis import FoldState
 
 DWELL_PARTS = 20
@@ -126,7 +125,9 @@ def assess(cell: Workcell, context: RunContext, failed: Failure) -> Situation:
         repairing=fold.repair is not None,
         overlap=_value(failed, "iou_aligned", 1.0),
         deviation_m=max(
-            abs(_value(failed, "edge_deviation_m", 0.0)), _value(failed, "left_behind_m", 0.0), _short_of(fold)
+            abs(_value(failed, "edge_deviation_m", 0.0)),
+            _value(failed, "left_behind_m", 0.0),
+            _believed_deviation(fold),
         ),
         lasting_defect=_lasting_defect(cell, fold),
         stood_low=_value(failed, "too_high_m", math.inf) <= 0.0,
@@ -155,15 +156,20 @@ def _lasting_defect(cell: Workcell, fold: FoldContext) -> bool:
     return lasting_defect(attempt.inspection, attempt.step, cell.inspection) is not None
 
 
-def _short_of(fold: FoldContext) -> float:
-    """Return how far the cloth of a fold that is surely half made is believed to lie off its predicted place [m]:
-    a sleeve that one hand has dropped on the shirt does not change the outline. 0 if it is not sure."""
+FARTHEST = 0.98
+"""Quantile of the vertices' distances that counts: a corner that curls up is no fold that is half made."""
+
+
+def _believed_deviation(fold: FoldContext) -> float:
+    """Return how far the cloth of a fold that is surely half made lies off its predicted place by the estimate
+    [m], 0 if it is not sure. The outline does not show a sleeve that one hand has dropped on the shirt. Estimate
+    and prediction lie where the garment lay before the fold, so a drift does not count."""
     found, attempt = fold.estimate, fold.attempt
     if found is None or attempt is None or found.state is not FoldState.HALF_WAY or found.confidence < SURE:
         return 0.0
     lies = believed(fold, attempt)
     off = lies.hypothesis.shape.vertices - attempt.predicted.vertices if lies else np.zeros((1, 3))
-    return float(np.quantile(np.linalg.norm(off[:, :2], axis=1), NEARLY_ALL))
+    return float(np.quantile(np.linalg.norm(off[:, :2], axis=1), FARTHEST))
 
 
 IN_SHAPE = 0.85

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from foldcell.robots.errors import FailureKind
-from foldcell.skills.grasping.empty_hand import MET, EmptyCheck, check_empty
+from foldcell.skills.grasping.empty_hand import MET, OPENED, EmptyCheck, check_empty
 from foldcell.skills.grasping.hand_reading import HandReading
 from foldcell.skills.vocabulary import Outcome
 from tests.builders.shipped_settings import GRASP
@@ -58,12 +58,12 @@ def check(hand: OpenHand, layer: float = 0.0008) -> tuple[Outcome[float], float]
 
 
 def test_empty_pads_meet_and_open_again() -> None:
-    """40 hands. The pads need 0.2 s to meet."""
+    """40 hands. The pads need 0.2 s to meet, and 0.1 s to be so far apart that they hold no cloth."""
     for seed in range(40):
         hand = OpenHand(seed)
         end, seconds = check(hand)
         assert end.ok and end.unwrap() < MET * 0.0008
-        assert seconds < 0.31 and hand.goal == RELEASED
+        assert seconds < 0.42 and hand.goal == RELEASED and hand.real >= OPENED - 0.0005
 
 
 @pytest.mark.parametrize("cloth", [0.0005, 0.0008, 0.0025])
@@ -116,4 +116,4 @@ def test_readings_that_cannot_be_used_are_passed_over(spoilt: str) -> None:
         if isinstance(after, Outcome):
             break
         state = after
-    assert isinstance(after, Outcome) and not after.unwrap() < RELEASED / 2 and commands[-1] == RELEASED
+    assert isinstance(after, Outcome) and np.isnan(after.unwrap()) and commands[-1] == RELEASED

@@ -380,6 +380,52 @@ def test_empty_hands_close_and_open_again_on_their_way_up(monkeypatch: pytest.Mo
     assert cell.openings == dict.fromkeys(Side, parking.RELEASE_OPENING) and cell.q == pytest.approx(0.1)
 
 
+def test_a_hand_that_does_not_open_again_rises_no_further(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may hold cloth, which it would lift and drag along."""
+    cell, workcell, up, _ = rising(monkeypatch, {})
+    left = workcell.ports.grippers[Side.LEFT]
+    command = left.command
+
+    def jam(opening: float, force: float) -> None:
+        if opening == 0.0:
+            command(opening, force)
+
+    monkeypatch.setattr(left, "command", jam)
+    failure = freeing._rise(workcell, up, UNLOADED, LAYER, checked_motion.pausable(workcell))
+    assert failure is not None and "left" in failure.what and cell.q.max() < 0.038
+
+
+def test_a_stop_ends_the_closing_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    cell, workcell, up, commands = rising(monkeypatch, {})
+    left = workcell.ports.grippers[Side.LEFT]
+    command, stopped = left.command, [np.inf]
+
+    def pressed(opening: float, force: float) -> None:
+        command(opening, force)
+        if cell.now < stopped[0]:
+            stopped[0] = cell.now
+            cell.at(cell.now + 0.015, lambda: workcell.ports.stop.trigger("button"))
+
+    monkeypatch.setattr(left, "command", pressed)
+    failure = freeing._rise(workcell, up, UNLOADED, LAYER, checked_motion.pausable(workcell))
+    assert failure is not None and failure.kind is FailureKind.STOPPED
+    assert {opening for _, opening, _ in commands} == {0.0} and cell.q.max() < 0.038
+
+
+def test_the_other_hand_opens_before_the_hands_go_back_down(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was closing, too, and would take cloth of the released fold."""
+    cell, workcell, up, _ = rising(monkeypatch, {Side.LEFT: 0.0008})
+    retreat: Any = SimpleNamespace(retreat=up, park=up)
+    cell.openings[Side.RIGHT] = 0.004
+    monkeypatch.setattr(
+        freeing, "_rise", lambda *_: Failure(FailureKind.STUCK_ON_FINGER, "", values={"side": "left"})
+    )
+    down: list[float] = []
+    monkeypatch.setattr(freeing, "_lead", lambda *_: down.append(cell.openings[Side.RIGHT]))
+    freeing.leave_freely(workcell, retreat, UNLOADED, LAYER, checked_motion.pausable(workcell))
+    assert down[0] == parking.RELEASE_OPENING
+
+
 @pytest.mark.parametrize("side", Side)
 def test_a_hand_that_closes_on_cloth_while_it_rises_keeps_it(side: Side, monkeypatch: pytest.MonkeyPatch) -> None:
     cell, workcell, up, commands = rising(monkeypatch, {side: 0.0008})
