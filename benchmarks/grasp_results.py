@@ -3,9 +3,9 @@
     foldcell trials ...
     python -m benchmarks.grasp_results FOLDER ... --date YYYY-MM-DD --commit HASH
 
-FOLDER: a campaign's folder, or any other that contains journals. They say how many layers each hand held. Only the
-first grasp of each fold counts, and only if it ended with cloth in the hands or with a failure to hold it. A grasp
-that was lost in the lift did not hold.
+FOLDER: a campaign's folder, or any other that contains journals. They say how many layers each hand held (since
+5a6ae05b). Only the first grasp of each fold counts, and only if it ended with cloth in the hands or with a failure
+to hold it. A grasp that was lost in the lift did not hold.
 """
 
 from __future__ import annotations
