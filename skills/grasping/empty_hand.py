@@ -28,10 +28,8 @@ HELD_READINGS = 5
 STILL = 0.0008
 """Pads that press are at rest if the averaged openings differ by less than this [m]: more than twice the spread of
 their noise. Saturated pads seem to press, too, but move on until they meet."""
-
-
-OPENED = 0.010
-"""Pads that are this far apart hold no cloth [m]."""
+OPENED = 0.012
+"""Pads that are this far apart are open for every later check (from 10 mm on), in spite of noise [m]."""
 
 
 @dataclass(frozen=True, eq=False)
