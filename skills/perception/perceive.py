@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from foldcell.robots.ports import Array, frozen
 from foldcell.skills.perception.camera_fault import camera_fault, same_picture
 from foldcell.skills.perception.candidate import (
+    CLEAR,
     choose_garment,
     fit_quality,
     flatness,
@@ -41,6 +42,7 @@ from foldcell.skills.perception.rivals import (
     places_of,
     second_best,
 )
+from foldcell.skills.perception.segmentation.edges import segment_by_edges
 from foldcell.skills.perception.segmentation.gaps import opened_gaps
 from foldcell.skills.perception.segmentation.mask import Segmentation
 from foldcell.skills.perception.segmentation.photograph import propose_cut_off, propose_garments
@@ -252,13 +254,21 @@ def _regions(
     views: Views, settings: PerceptionSettings, stages: _StageTimes
 ) -> Iterator[tuple[str, Segmentation]]:
     """Yield the regions to try in turn, each with the name of the method that found it. In a photograph, what the
-    picture's edge cuts off comes first, a region with gaps between its limbs is tried with open gaps before it is
-    tried as it is, and a region that is the same as an earlier one is left out."""
+    picture's edge cuts off comes first. A garment of the ground's colour whose edges are clear follows and ends
+    the search, because colours do not show where it ends. A region with gaps between its limbs is tried with open
+    gaps before it is tried as it is, and a region that is the same as an earlier one is left out."""
     rgb, valid = views.seen.rgb, views.seen.valid
     proposing = settings.method == "reference" and views.empty is None
+    tried: list[Segmentation] = []
     if proposing and not settings.size_known:
         yield from ((_PROPOSAL, found) for found in propose_cut_off(rgb, valid))
-    tried: list[Segmentation] = []
+        edged = segment_by_edges(rgb, valid)
+        stages.done("segment")
+        if edged is not None:
+            yield _PROPOSAL, edged
+            if edged.confidence > CLEAR:
+                return
+            tried.append(edged)
     for method, found in segmentations(views, settings.method):
         stages.done("segment")
         if settings.size_known or not any(_same(found, other) for other in tried):

@@ -20,7 +20,8 @@ class PerceptionSettings:
     group `perception` of the cell's settings. Constants stand beside the functions that use them.
 
     method: 'reference', 'plain' or 'grabcut'. Without a picture of the empty table, 'reference' means 'plain'. If
-    that finds no garment, 'grabcut' is tried, and last the proposals of `propose_garments`.
+    that finds no garment, 'grabcut' is tried, and last the proposals of `propose_garments`; in a photograph of
+    unknown scale, `segment_by_edges` comes first.
     """
 
     method: str
