@@ -86,6 +86,32 @@ def test_a_small_rectangle_is_a_towel_only_if_it_is_named() -> None:
     assert failure is not None and "may be a print" in failure.what
 
 
+@pytest.mark.parametrize(("confidence", "sought"), [(0.95, False), (0.85, True), (None, True)])
+def test_only_clear_edges_of_a_garment_of_the_grounds_colour_end_the_search(
+    confidence: float | None, sought: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    by_colours: list[bool] = []
+
+    def by_edges(rgb: np.ndarray, valid: np.ndarray) -> Segmentation | None:
+        """A part of the ground, which is no garment."""
+        part = np.zeros(valid.shape, bool)
+        part[100:300, 100:110] = True
+        corners = np.array([[100.0, 100.0], [109.0, 100.0], [109.0, 299.0], [100.0, 299.0]])
+        line = np.concatenate(
+            [np.linspace(a, b, 200) for a, b in zip(corners, np.roll(corners, -1, 0), strict=True)]
+        )
+        return None if confidence is None else Segmentation(part, line, confidence, part & False)
+
+    def propose(rgb: np.ndarray, valid: np.ndarray) -> tuple[Segmentation, ...]:
+        by_colours.append(True)
+        return ()
+
+    monkeypatch.setattr(perceive, "segment_by_edges", by_edges)
+    monkeypatch.setattr(perceive, "propose_garments", propose)
+    assert foldcell.perceive(photograph(), unit="px").failure is not None
+    assert bool(by_colours) is sought
+
+
 FITTED, MISFIT, CUT = (
     Failure(kind, kind) for kind in (FailureKind.LOW_CONFIDENCE, FailureKind.NOT_FLAT, FailureKind.OUT_OF_VIEW)
 )
