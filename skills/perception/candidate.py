@@ -26,6 +26,8 @@ figures resembles any outline, such as a rectangular print."""
 MAX_DISTORTION = 0.20
 """Maximum difference from the template's proportions: standard deviation, over the outline's edges, of the
 logarithm of observed over template length."""
+LONGEST_TOWEL = 3.0
+"""Maximum ratio of a towel's sides in a photograph: bar towels of 30 x 90 cm have it, and few have more."""
 MOST_UNEQUAL = 1.8
 """Maximum ratio of the areas of two sleeves in a photograph. Those of 35 flat shirts of the real set
 (`benchmarks.photographs`) differ by a factor of up to 1.35."""
@@ -130,6 +132,9 @@ def misfit(
         middle = np.average(ratio, weights=lengths)
         distortion = float(np.sqrt(np.average((ratio - middle) ** 2, weights=lengths)))
     else:
+        sides = segment_lengths(polygon) + np.roll(segment_lengths(polygon), 2)
+        if free and garment.category == "towel" and sides.max() <= LONGEST_TOWEL * sides.min():
+            ratio = 0.5 * (ratio - np.roll(ratio, 2))  # any proportions
         overlap, distortion = polygon_iou(polygon, contour), float(ratio.std())
     if overlap >= least and distortion <= MAX_DISTORTION and strain <= MOST_STRAIN:
         if registration.least_turn >= LEAST_TURN:

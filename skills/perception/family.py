@@ -18,6 +18,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import expit
 
 from foldcell.robots.ports import Array
 from foldcell.skills.garments.outline_check import crosses_itself
@@ -49,6 +50,11 @@ class Joint:
     limb: bool = False
     before: str = ""
 
+    @property
+    def fixed(self) -> bool:
+        """Whether its direction is fixed. A bend then lies on the axis, in the middle of an edge."""
+        return self.angle[0] == self.angle[1]
+
 
 @dataclass(frozen=True)
 class Corner:
@@ -67,7 +73,8 @@ class Family:
     other one, in the names of key points. limb_angles, limb_lengths: directions [degrees] and lengths, relative to
     the garment's, of the limbs from which a fit starts. depth: another depth of the armpits, relative to the
     garment's length, from which it starts, too. shear: standard
-    deviation of the shear, because cloth is laid askew and cameras tilt."""
+    deviation of the shear, because cloth is laid askew and cameras tilt. either_way: whether its ends are so alike
+    that a fit starts from both."""
 
     joints: tuple[Joint, ...]
     end: str
@@ -79,6 +86,7 @@ class Family:
     corners: tuple[Corner, ...] = ()
     depth: float = 0.0
     shear: float = 0.05
+    either_way: bool = False
 
 
 def _shirt(*sleeve: Joint, angles: tuple[float, ...] = (), lengths: tuple[float, ...] = ()) -> Family:
@@ -122,6 +130,7 @@ def _trousers(outer: Span) -> Family:
 _CURVES = (
     Joint("collar_base", "shoulder", (0.05, 0.30), (-88.0, -40.0), before="collar"),
     Joint("neckline", "", (0.80, 1.05), (0.0, 0.0), before="collar"),
+    Joint("hemline", "neckline", (0.75, 1.15), (180.0, 180.0), before="hem"),
 )
 """The lower edge of a collar that stands up, and the middle of the neckline. A member of such a shirt has its key
 point at the upper edge, until `upper_edge` moves it to the lower one."""
@@ -136,6 +145,7 @@ _VEST = Family(
         Joint("neck", "", (0.55, 0.96), (0.0, 0.0)),
         Joint("armhole", "armpit", (0.06, 0.35), (-80.0, 0.0), before="shoulder"),
         Joint("neckline", "collar", (0.04, 0.40), (-200.0, -110.0), before="neck"),
+        Joint("hemline", "neck", (0.50, 1.05), (180.0, 180.0), before="hem"),
     ),
     "collar",
     (1.0, 0.0),
@@ -153,11 +163,13 @@ _SKIRT = Family(
         Joint("waist", "hem", (0.97, 1.12), (-32.0, 14.0)),
         Joint("side", "hem", (0.30, 0.75), (-32.0, 14.0), before="waist"),
         Joint("waistline", "", (0.93, 1.06), (0.0, 0.0), before="waist"),
+        Joint("hemline", "waistline", (0.90, 1.15), (180.0, 180.0), before="hem"),
     ),
     "waist",
     (1.0, 0.0),
     (0.0, -1.0),
     ("right", "left"),
+    either_way=True,
 )
 
 FAMILIES: Mapping[str, Family] = {
@@ -191,6 +203,8 @@ _FIRST_STEPS = 8
 """Steps after which only the best starts go on."""
 _TRIED = 10
 """Number of starts that are fitted, those that are nearest to the outline."""
+_EVEN = 4.0
+"""Sharpness with which the direction of an edge is compared with another one; 4 is 7 degrees."""
 _KEPT = 2
 """Number of starts that go on."""
 _SCALE, _LAST_SCALE = 0.15, 0.03
@@ -207,8 +221,7 @@ _POSE = 4
 _BEND_SIGMA = 0.05
 """Standard deviation of a bend from a straight edge, relative to the garment's length."""
 _MOST_COUNTED = 9.0
-"""A squared deviation counts at most as this in the strain: a single figure may be very unusual, as the round top
-of a real sleeve beside the body."""
+"""A squared deviation counts at most as this in the strain: a single figure may be very unusual."""
 _CROSSED = 1.5
 """Factor of the cost of an outline that crosses itself, as that of a sleeve which lies beside the body can."""
 _PRIOR_COST = 1e-4
@@ -288,8 +301,12 @@ class _Search:
             return _cost(model, p, boundary, size) * (_CROSSED if crossed else 1.0)
 
         fits = [_fitted(model, p, boundary, size, range(_FIRST_STEPS)) for p in self.starts]
-        fits = sorted(fits, key=cost)[:_KEPT]
-        chosen = min((_fitted(model, p, boundary, size, range(_FIRST_STEPS, _STEPS)) for p in fits), key=cost)
+        fits = sorted(fits, key=cost)
+        if model.family.either_way:  # the best of each way
+            fits = [fits[0], *(p for p in fits if np.cos(p[2] - fits[0][2]) < -0.5)]
+        fits = [_fitted(model, p, boundary, size, range(_FIRST_STEPS, _STEPS)) for p in fits[:_KEPT]]
+        chosen, *others = sorted(fits, key=cost)
+        turned = [cost(p) for p in others if np.cos(p[2] - chosen[2]) < -0.5]
         polygon, names = model.polygon(chosen), self.garment.keypoints
         if polygon_iou(polygon, self.outline) <= self.overlap:
             return None
@@ -300,7 +317,8 @@ class _Search:
             model.template(chosen),
             self.scale * polygon,
             np.array([names.index(name) if name in names else -1 for name in model.vertices]),
-            float(np.minimum(model.prior(chosen) ** 2, _MOST_COUNTED).mean()),
+            float(np.minimum(model.deviations(chosen)[0] ** 2, _MOST_COUNTED).mean()),
+            float(expit(0.5 * (cost(chosen) - min(turned, default=np.inf)) / _PRIOR_COST)),
         )
 
 
@@ -319,7 +337,7 @@ def _vertices(keypoints: tuple[str, ...], family: Family) -> tuple[str, ...]:
         for one, other, step in ((a, b, 1), (b, a, -1)):
             bends = [j.point for j in family.joints if j.before == other and j.origin == one]
             found += [f"{bend}{side}" for bend in bends[::step]]
-        found += [j.point for j in family.joints if a == b == j.before and not j.origin]
+        found += [j.point for j in family.joints if a == b == j.before and j.fixed]
     return tuple(found)
 
 
@@ -413,7 +431,7 @@ class _Model:
 
     def _on_edge(self, bend: Joint, half: Mapping[str, Array]) -> Array:
         """Return the place (..., 2) of a bend on a straight edge, on which the bends are spaced evenly."""
-        if not bend.origin:
+        if bend.fixed:
             return half[bend.before] * (1.0, 0.0)
         row = [b.point for b in self.family.joints if (b.origin, b.before) == (bend.origin, bend.before)]
         share = (row.index(bend.point) + 1) / (len(row) + 1)
@@ -425,21 +443,25 @@ class _Model:
         return np.asarray(points - 0.5 * (points.min(axis=0) + points.max(axis=0)))
 
     def prior(self, p: Array) -> Array:
-        """Return the residuals (..., r) of the parameters (..., n): of the figures from the middles of their
-        ranges and from the ranges, of the sides from each other, of the bends from a straight edge, and of points
-        across the axis."""
+        """Return the residuals (..., r) of the parameters (..., n)."""
+        return np.concatenate(self.deviations(p), axis=-1)
+
+    def deviations(self, p: Array) -> tuple[Array, Array]:
+        """Return those of the proportions: of the figures from the middles of their ranges and from the ranges, of
+        the sides from each other, and of points across the axis; and those of how the cloth lies: the shear, and
+        the bends from a straight edge."""
         half, other, at = self._half(p, 0), self._half(p, 1), _POSE
         size = np.maximum(half[self.family.end][..., :1], 1e-3)
-        found = [p[..., 3, None] / self.family.shear]
+        found, lie = list[Array](), [p[..., 3, None] / self.family.shear]
         for joint in self.family.joints:
             figures = [(p[..., at, None] - np.log(size), np.log(joint.length))]
-            if joint.angle[0] != joint.angle[1]:
+            if not joint.fixed:
                 figures.append((p[..., at + 1 : at + (3 if joint.limb else 2)], np.deg2rad(joint.angle)))
             for values, span in figures:
                 found.append((values - np.clip(values, *span)) / _RANGE_SIGMA)
                 if not (joint.limb or joint.before):
                     found.append((values - np.mean(span)) / (_USUAL_SHARE * (span[1] - span[0])))
-            if joint.angle[0] == joint.angle[1]:
+            if joint.fixed:
                 found.append((p[..., at + 1, None] - np.deg2rad(joint.angle[0])) / _FIXED_SIGMA)
             else:
                 out = np.concatenate([h[joint.point][..., 1:] for h in (half, other)], axis=-1) / size
@@ -447,7 +469,7 @@ class _Model:
             if joint.limb:
                 found.append((p[..., at + 1, None] - p[..., at + 2, None]) / _SIDE_SIGMA)
             if joint.before:
-                found.append((half[joint.point] - self._on_edge(joint, half)) / (_BEND_SIGMA * size))
+                lie.append((half[joint.point] - self._on_edge(joint, half)) / (_BEND_SIGMA * size))
             at += 3 if joint.limb else 2
         for corner in self.family.corners:
             a, b, c = (half[name] for name in corner.points)
@@ -455,7 +477,7 @@ class _Model:
             cosine = ((b - a) * (c - b)).sum(axis=-1) / np.maximum(lengths, 1e-9)
             turn = np.arccos(np.clip(cosine, -0.999, 0.999))[..., None]
             found.append((turn - np.clip(turn, *np.deg2rad(corner.turn))) / _RANGE_SIGMA)
-        return np.concatenate(found, axis=-1)
+        return np.concatenate(found, axis=-1), np.concatenate(lie, axis=-1)
 
 
 def _direction(v: Array) -> float:
@@ -481,17 +503,30 @@ def _starts(model: _Model, template: Array, boundary: Boundary) -> list[Array]:
                     shape[at + 1 : at + 3] = np.deg2rad(angle)
                     shapes.append(shape)
         at += 3 if joint.limb else 2
-    starts = []
+    starts, turns = [], _edge_turns(boundary.points)
+    middle = 0.5 * (boundary.points.min(axis=0) + boundary.points.max(axis=0))
     for shape in shapes:
         outline = model.template(shape)
         if polygon_area(outline) <= 0.0:
             continue
-        for start in best_starts(outline, boundary, 2):
+        for start in best_starts(outline, boundary, 2, turns):
             upright = model.measured(start.polygon @ rotation(start.angle))
             upright[:2] = rotation(start.angle) @ upright[:2]
             upright[2] = start.angle
             starts += [upright, model.deeper(upright)] if model.family.depth > 0.0 else [upright]
+            if model.family.either_way:
+                starts.append(np.array([*(2.0 * middle - upright[:2]), upright[2] + np.pi, *upright[3:]]))
     return starts
+
+
+def _edge_turns(points: Array) -> list[float]:
+    """Return the four directions [rad] along and across which most of a boundary (n, 2) runs, as hem and sides do.
+    A garment that is about as wide as long has no clear long axis."""
+    along = np.roll(points, -1, axis=0) - points
+    tried = np.deg2rad(np.arange(0.0, 90.0, 3.0))
+    off = np.arctan2(along[:, 1], along[:, 0]) - tried[:, None]
+    runs = (np.linalg.norm(along, axis=1) * np.exp((np.cos(4.0 * off) - 1.0) * _EVEN)).sum(axis=1)
+    return [float(tried[np.argmax(runs)]) + 0.5 * np.pi * k for k in range(4)]
 
 
 def _fitted(model: _Model, p: Array, boundary: Boundary, size: float, steps: Sequence[int]) -> Array:

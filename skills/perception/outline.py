@@ -44,7 +44,8 @@ class MemberOutline:
 
     placed: (n, 2) where it lies on an observed boundary, counter-clockwise: the key points and further bends
     between them [m]. feature: (n,) index of the key point of each of them, -1 for a bend. strain: how unusual its
-    figures are, as the mean square of their deviations in standard deviations.
+    proportions are, as the mean square of their deviations in standard deviations. Shear and bends do not count:
+    they are how the cloth lies. turned: probability that it lies the other way round, by its shape.
     """
 
     name: str
@@ -54,6 +55,7 @@ class MemberOutline:
     placed: Array
     feature: NDArray[np.intp]
     strain: float
+    turned: float = 0.0
 
 
 def polygon_area(polygon: Array) -> float:

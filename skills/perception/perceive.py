@@ -454,9 +454,10 @@ def _judged(
         confidence = probability_within(sigmas, ACCURATE_WITHIN * registration.scale)
     else:
         diagonal = float(np.linalg.norm(np.ptp([*registration.keypoints.values()], axis=0)))
+        turned = 0.0
         if isinstance(garment, MemberOutline):
-            sigmas = with_shape(sigmas, garment, diagonal)
-        confidence = in_photograph(probability_within(sigmas, ACCURATE_SHARE * diagonal))
+            sigmas, turned = with_shape(sigmas, garment, diagonal), garment.turned
+        confidence = in_photograph((1.0 - turned) * probability_within(sigmas, ACCURATE_SHARE * diagonal))
     stages.notes |= {
         "iou": iou,
         "scale": match.scale,

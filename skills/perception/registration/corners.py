@@ -43,14 +43,20 @@ _TIP = 8
 
 
 def set_corners(
-    X: Array, feature: NDArray[np.intp], polygon: Array, boundary: Boundary, fitted: bool = False
+    X: Array,
+    feature: NDArray[np.intp],
+    polygon: Array,
+    boundary: Boundary,
+    fitted: bool = False,
+    rounded: int = -1,
 ) -> tuple[Array, Array]:
     """Return the registered contour X (n, 2) [m] with its corners relocated, and the standard deviation of the
     place of each corner (c,), in the order of the contour [m].
 
     polygon: (k, 2) the template, counter-clockwise. feature: (n,) index into `polygon` of each contour point that
     is a corner, -1 for the other points. fitted: whether the template was made for this outline; its blunt corners
-    then stay where they are on the boundary.
+    then stay where they are on the boundary. rounded: index into `polygon` of a corner that is blunt although the
+    edges from the neighbouring ones are steep.
 
     Straight lines are fitted to the edges on both sides of a corner. A sewn corner is round: its tip is the
     boundary point that reaches furthest towards the intersection of the lines. Near a crotch the table between the
@@ -67,7 +73,7 @@ def set_corners(
     segment, t, _ = closest_segments(X, q, normals)
     point_arc, corner_arc = _arc_position(X, segment, t), _arc_position(X, corners, np.zeros(len(corners)))
     total = float(segment_lengths(X).sum())
-    blunt = (angles <= NOTCH_ANGLE) & (np.abs(np.sin(angles)) < _SHARP)
+    blunt = (angles <= NOTCH_ANGLE) & (np.abs(np.sin(angles)) < _SHARP) | (feature[corners] == rounded)
     body = lay_body(shape, X[corners], clear > 0.5, boundary) if blunt.any() and not fitted else None
     for k, vertex in enumerate(corners):
         if blunt[k] and fitted:
@@ -86,6 +92,11 @@ def set_corners(
             continue
         if notch:
             tip = _map_estimate(lines, _by_template(k, shape, X[corners], clear))
+            first, last = k - 1, (k + 1) % len(corners)
+            inside = (point_arc - corner_arc[first]) % total < (corner_arc[last] - corner_arc[first]) % total
+            inwards = tip - 0.5 * (X[corners[first]] + X[corners[last]])
+            if fitted and inside.any() and (q[inside] @ inwards).max() > tip @ inwards:
+                tip = q[inside][np.argmax(q[inside] @ inwards)]  # flared legs: the gap is seen beyond the lines
         else:
             meeting = _intersection(lines)
             tip = X[vertex] if meeting is None else _rounded_corner_tip(meeting, lines, angles[k], boundary)

@@ -10,7 +10,7 @@ orientation, and the result of lowest energy is chosen. At the end the corners a
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import cv2
@@ -111,7 +111,9 @@ def register(contour: Array, garment: GarmentOutline) -> Registration:
         fits = [fit(start.polygon, boundary, settings) for start in best_starts(polygon, boundary)]
     X, feature, history, stages = min(fits, key=lambda f: _score(f[0], f[1], polygon, boundary, settings))
     vertices = np.flatnonzero(feature >= 0)
-    X, sigma = set_corners(X, feature, polygon, boundary, isinstance(garment, MemberOutline))
+    # The outline of a vest shows the round end of its neckline, unlike that of the gap between two legs.
+    neck = names.index("neck") if isinstance(garment, MemberOutline) and "neck" in names else -1
+    X, sigma = set_corners(X, feature, polygon, boundary, isinstance(garment, MemberOutline), neck)
     sigmas = {names[feature[vertex]]: float(s) for vertex, s in zip(vertices, sigma, strict=True)}
     points = {names[feature[i]]: frozen(X[i].copy()) for i in vertices}
     angles = interior_angles(polygon)[feature[vertices]]
@@ -150,16 +152,19 @@ def _turns_with_bends(garment: MemberOutline) -> Array:
 # --- where to start ------------------------------------------------------------------------------------
 
 
-def best_starts(polygon: Array, boundary: Boundary, candidates: int = 3) -> list[Start]:
+def best_starts(
+    polygon: Array, boundary: Boundary, candidates: int = 3, turns: Sequence[float] = ()
+) -> list[Start]:
     """Place the template (k, 2), counter-clockwise, in each plausible orientation, best first, `candidates` at
-    most."""
-    return _plausible(_placements(polygon, boundary))[:candidates]
+    most. turns: further orientations to try [rad]."""
+    return _plausible(_placements(polygon, boundary, turns))[:candidates]
 
 
-def _placements(polygon: Array, boundary: Boundary) -> list[Start]:
-    """Place the template in all orientations that moments and smallest enclosing rectangle suggest, best first."""
+def _placements(polygon: Array, boundary: Boundary, turns: Sequence[float]) -> list[Start]:
+    """Place the template in the given orientations and all that moments and smallest enclosing rectangle suggest,
+    best first."""
     observed, template_axes = _axes(boundary.samples), _axes(polygon)
-    angles: list[float] = []
+    angles = [*turns]
     for a in observed:
         for b in template_axes:
             angles += [a - b + k * np.pi / 2 for k in range(4)]

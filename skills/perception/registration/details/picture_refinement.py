@@ -84,11 +84,13 @@ def notches(registration: Registration, garment: GarmentOutline) -> tuple[str, .
     """Return the names of the key points at the end of a gap between two limbs, or between a limb and the body.
 
     A notch of the template is a notch in any pose. A limb that lies close to the body, such as a lowered sleeve,
-    makes a further notch.
+    makes a further notch. The neck of a vest is none, however deep.
     """
     lying = np.array([registration.keypoints[name] for name in garment.keypoints])
     angles = np.maximum(_interior_angles(np.asarray(garment.template, dtype=float)), _interior_angles(lying))
-    return tuple(garment.keypoints[k] for k in np.flatnonzero(angles > NOTCH_ANGLE))
+    return tuple(
+        garment.keypoints[k] for k in np.flatnonzero(angles > NOTCH_ANGLE) if garment.keypoints[k] != "neck"
+    )
 
 
 def _set_notches(

@@ -116,6 +116,7 @@ def _descend(start: Array, strip: Strip, prior: WedgePrior) -> Wedge:
     away = np.abs(strip.v - (p[1] + p[2] * (strip.s - p[0]))[:, None])
     near = away < 0.008 + 0.5 * p[3] * u[:, None]
     difference = ((_model(p, strip)[0] - strip.colours) ** 2).sum(axis=-1)[near]
+    A[np.diag_indices_from(A)] += 1e-9  # parameters of a gap that is nowhere seen
     return Wedge(p, _CORRELATED * np.linalg.inv(A), float(np.sqrt(difference.mean())) if near.any() else 1.0, cost)
 
 

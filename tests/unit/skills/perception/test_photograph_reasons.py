@@ -73,9 +73,17 @@ def test_cloth_whose_edges_rise_is_no_print_on_the_ground() -> None:
 
 def test_a_rectangle_too_long_for_a_towel_is_no_skirt() -> None:
     """It resembles a towel more than any skirt, so that a skirt's fit does not count."""
-    long = np.array([[100, 100], [520, 110], [514, 300], [96, 290]])
+    long = np.array([[60, 130], [560, 140], [556, 280], [56, 270]])
     failure = foldcell.perceive(photograph((long, BLUE)), unit="px").failure
     assert failure is not None and "towel" in failure.what and "proportions" in failure.what
+
+
+def test_a_long_towel_is_one() -> None:
+    long = np.array([[60, 130], [500, 140], [496, 300], [56, 290]])
+    seen = foldcell.perceive(photograph((long, BLUE)), unit="px")
+    assert seen.category == "towel"
+    found = np.array(list(seen.keypoints.values()))
+    assert np.linalg.norm(found[:, None] - long, axis=2).min(axis=0).max() < 6.0
 
 
 def test_a_small_rectangle_is_a_towel_only_if_it_is_named() -> None:
