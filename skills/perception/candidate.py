@@ -21,8 +21,8 @@ FREE_POLYGON_IOU, UNNAMED_IOU = 0.86, 0.93
 """Minimum overlap in a photograph, where limbs may be bent as well as swung; and if no garment was named, because
 any shape with four corners resembles a towel."""
 MEMBER_IOU, MOST_STRAIN = 0.90, 0.60
-"""Minimum overlap of a member of a family, which has bends, and its maximum strain. A member with very unusual
-figures resembles any outline, such as a rectangular print."""
+"""Minimum overlap of a member of a family, which has bends, and how unusual its proportions may be. A member with
+very unusual ones resembles any outline, such as a rectangular print."""
 MAX_DISTORTION = 0.20
 """Maximum difference from the template's proportions: standard deviation, over the outline's edges, of the
 logarithm of observed over template length."""
@@ -126,7 +126,7 @@ def misfit(
     ratio = np.log(np.maximum(segment_lengths(polygon), 1e-6) / lengths)
     least, strain = (FREE_POLYGON_IOU if named else UNNAMED_IOU) if free else POLYGON_IOU, 0.0
     if isinstance(garment, MemberOutline):
-        least, strain = MEMBER_IOU, garment.strain
+        least, strain = MEMBER_IOU, garment.unusual
         # Its bends belong to the shape, and an edge of a few millimetres, as an underarm seam, has any ratio.
         overlap = polygon_iou(garment.placed, contour)
         middle = np.average(ratio, weights=lengths)

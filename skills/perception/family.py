@@ -317,6 +317,7 @@ class _Search:
             model.template(chosen),
             self.scale * polygon,
             np.array([names.index(name) if name in names else -1 for name in model.vertices]),
+            float(np.minimum(model.prior(chosen) ** 2, _MOST_COUNTED).mean()),
             float(np.minimum(model.deviations(chosen)[0] ** 2, _MOST_COUNTED).mean()),
             float(expit(0.5 * (cost(chosen) - min(turned, default=np.inf)) / _PRIOR_COST)),
         )

@@ -44,8 +44,8 @@ class MemberOutline:
 
     placed: (n, 2) where it lies on an observed boundary, counter-clockwise: the key points and further bends
     between them [m]. feature: (n,) index of the key point of each of them, -1 for a bend. strain: how unusual its
-    proportions are, as the mean square of their deviations in standard deviations. Shear and bends do not count:
-    they are how the cloth lies. turned: probability that it lies the other way round, by its shape.
+    figures are, as the mean square of their deviations in standard deviations. unusual: the same of its
+    proportions alone: shear and bends are how cloth lies. turned: probability that it lies the other way round.
     """
 
     name: str
@@ -55,6 +55,7 @@ class MemberOutline:
     placed: Array
     feature: NDArray[np.intp]
     strain: float
+    unusual: float = 0.0
     turned: float = 0.0
 
 

@@ -36,7 +36,7 @@ def test_a_member_with_usual_figures_is_accepted(drooping):
 
 def test_a_member_with_impossible_figures_is_refused_although_it_overlaps(drooping):
     outline, member = drooping
-    strange = replace(member, strain=2.0)
+    strange = replace(member, unusual=2.0)
     failure = misfit(register(outline, strange), strange, outline, free=True, named=True)
     assert failure is not None and failure.kind is FailureKind.UNKNOWN_GARMENT
     assert "proportions that no such garment has" in failure.what
