@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -78,6 +79,9 @@ WITHIN, ALIKE, MORE, MOST = 0.95, 0.80, 1.2, 0.65
 """A region that lies within a larger one by more than the first share is a print on it. Regions that overlap by
 more than the second (intersection over union) show the same thing. One that is larger by the third factor shows
 something else, too. One that covers more than the fourth share is most of it."""
+COMPACT = 0.12
+"""What shows of another garment beside one is at least twice this wide, relative to the root of the one's area.
+Filled gaps, and the pattern of the ground along an edge, are not."""
 UNLIKE = 0.8
 """A region that overlaps with no garment by more than this may be a print on the ground."""
 TOO_NEAR, TOO_FAR = 0.01, 0.04
@@ -335,7 +339,12 @@ def _explains(look: _Look, best: _Look) -> bool:
     both, furthest = np.count_nonzero(mask & best.segmentation.mask), np.count_nonzero(best.segmentation.mask)
     if told is not None and told.kind is FailureKind.OUT_OF_VIEW:
         return bool(both > MOST * furthest)
-    return bool(best.fitted and both > WITHIN * furthest and area > MORE * furthest)
+    if not best.fitted or both <= WITHIN * furthest or area <= MORE * furthest:
+        return False
+    width = 2 * int(COMPACT * np.sqrt(furthest)) + 1
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width, width))
+    rest = cv2.morphologyEx((mask & ~best.segmentation.mask).astype(np.uint8), cv2.MORPH_OPEN, disc)
+    return bool(np.count_nonzero(rest) > (MORE - 1.0) * furthest)
 
 
 def _doubtful(look: _Look, other: _Look, named: bool) -> bool:

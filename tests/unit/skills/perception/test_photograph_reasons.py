@@ -161,6 +161,14 @@ def test_regions_of_a_photograph_are_judged_together_in_any_order(
         assert perceive._best(iter(looks), named=False).outcome.failure is told
 
 
+@pytest.mark.parametrize("wide", [6, 20])
+def test_a_ragged_rim_of_the_ground_is_no_garment_below_another(wide: int) -> None:
+    garment, both = look(60, 60, SHIRTS_POINTS, None), look(60, 60, SHIRTS_POINTS, MISFIT)
+    both.segmentation.mask[:, 60:] = (np.arange(100) % (2 * wide) < wide)[:, None]
+    told = perceive._best(iter([both, garment]), named=False)
+    assert (told is garment) is (wide < 10)
+
+
 def test_of_two_accepted_regions_a_print_is_not_taken_and_of_two_kinds_the_earlier_is() -> None:
     shirt, towel = look(80, 80, SHIRTS_POINTS, None), look(78, 80, TOWELS_POINTS, None)
     printed = look(30, 30, TOWELS_POINTS, None)
