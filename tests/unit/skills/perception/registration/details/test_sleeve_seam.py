@@ -85,3 +85,19 @@ def test_a_seam_on_one_side_moves_the_other_shoulder_too():
 def test_a_line_far_from_where_the_outline_puts_the_shoulder_is_no_seam():
     (place, _), _ = found(shirt(), displaced=0.06, sigma=0.01)
     assert np.linalg.norm(place - SHOULDER - np.array([0.06, 0.0])) < 0.004
+
+
+@pytest.mark.parametrize("apart", [0.05, 0.07])
+def test_one_of_many_dark_lines_is_no_seam(apart):
+    """One line of checked cloth ends near the shoulder, with as much evidence as a seam."""
+    plain = shirt(dark=0.0)
+    dark = np.zeros(plain.rgb.shape[:2], np.float32)
+    for x in np.arange(SHOULDER[0] - 0.006 - 6 * apart, 0.3, apart):
+        column = round(float(pixels(np.array([x, 0.0]))[0]))
+        dark[:, column : column + 2] = 0.3
+    lined = np.where(
+        plain.mask[..., None], plain.rgb * (1 - cv2.GaussianBlur(dark, (0, 0), 0.7))[..., None], 200.0
+    )
+    checked = lined.astype(np.uint8)
+    for _, sigma in found(ClothPicture(checked, plain.mask, pixels, checked, pixels)):
+        assert sigma > 0.012
