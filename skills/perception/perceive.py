@@ -79,6 +79,8 @@ WITHIN, ALIKE, MORE, MOST = 0.95, 0.80, 1.2, 0.65
 """A region that lies within a larger one by more than the first share is a print on it. Regions that overlap by
 more than the second (intersection over union) show the same thing. One that is larger by the third factor shows
 something else, too. One that covers more than the fourth share is most of it."""
+EITHER_WAY = 0.25
+"""An uncertain garment that lies the other way round with at least this probability is refused for that."""
 COMPACT = 0.12
 """What shows of another garment beside one is at least twice this wide, relative to the root of the one's area.
 Filled gaps, and the pattern of the ground along an edge, are not."""
@@ -458,12 +460,11 @@ def _judged(
         return look(flatness(failure, segmentation, settings))
     iou = polygon_iou(registration.contour, contour)
     fit = fit_quality(segmentation, iou, registration)
-    sigmas = keypoint_sigmas(registration, nominal, contour)
+    sigmas, turned = keypoint_sigmas(registration, nominal, contour), 0.0
     if settings.size_known:
         confidence = probability_within(sigmas, ACCURATE_WITHIN * registration.scale)
     else:
         diagonal = float(np.linalg.norm(np.ptp([*registration.keypoints.values()], axis=0)))
-        turned = 0.0
         if isinstance(garment, MemberOutline):
             sigmas, turned = with_shape(sigmas, garment, diagonal), garment.turned
         confidence = in_photograph((1.0 - turned) * probability_within(sigmas, ACCURATE_SHARE * diagonal))
@@ -488,7 +489,7 @@ def _judged(
         )
         return look(flatness(failure, segmentation, settings))
     if confidence < settings.least_confidence:
-        return look(_ambiguous(garment.name, sigmas, confidence))
+        return look(_ambiguous(garment.name, sigmas, confidence, turned))
     state = GarmentState(
         garment.category, registration.contour, registration.keypoints, confidence, registration.ambiguous
     )
@@ -498,13 +499,17 @@ def _judged(
     )
 
 
-def _ambiguous(garment: str, sigmas: Mapping[str, float], confidence: float) -> Failure:
-    """The refusal of a garment whose key points are not visible well enough. sigmas: name -> [m]."""
+def _ambiguous(garment: str, sigmas: Mapping[str, float], confidence: float, turned: float) -> Failure:
+    """The refusal of a garment whose key points are not visible well enough. sigmas: name -> [m]. turned:
+    probability that it lies the other way round."""
     name = max(sigmas, key=lambda name: sigmas[name])
+    hidden = (
+        f"where the {name} of {garment} is" if turned < EITHER_WAY else f"which end of {garment} is the upper one"
+    )
     return Failure(
         FailureKind.LOW_CONFIDENCE,
-        f"the picture does not show where the {name} of {garment} is: its key points are accurate only with a "
-        f"probability of {confidence:.2f}",
+        f"the picture does not show {hidden}: its key points are accurate only with a probability of "
+        f"{confidence:.2f}",
         "lay sleeves and legs apart, or use a table of another colour or more even light",
         {"confidence": confidence, "keypoint": name, "sigma_m": sigmas[name]},
     )

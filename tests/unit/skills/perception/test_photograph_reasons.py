@@ -86,6 +86,14 @@ def test_a_long_towel_is_one() -> None:
     assert np.linalg.norm(found[:, None] - long, axis=2).min(axis=0).max() < 6.0
 
 
+def test_a_skirt_with_two_like_ends_is_refused_because_either_may_be_the_upper_one() -> None:
+    u = np.linspace(-1.0, 1.0, 60)[:, None]
+    side = np.hstack([160 * u, 100 + 8 * (1.0 - u**2)])
+    skirt = np.vstack([side, -side]) + (300, 225)
+    failure = foldcell.perceive(photograph((skirt, BLUE)), garment="skirt", unit="px").failure
+    assert failure is not None and "which end of skirt is the upper one" in failure.what
+
+
 def test_a_small_rectangle_is_a_towel_only_if_it_is_named() -> None:
     small = np.array([[220, 150], [400, 155], [397, 278], [218, 272]])
     picture = photograph((small, BLUE), relief=0.5)
