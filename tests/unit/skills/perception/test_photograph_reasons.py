@@ -89,7 +89,7 @@ def test_a_long_towel_is_one() -> None:
 def test_a_skirt_with_two_like_ends_is_refused_because_either_may_be_the_upper_one() -> None:
     u = np.linspace(-1.0, 1.0, 60)[:, None]
     side = np.hstack([160 * u, 100 + 8 * (1.0 - u**2)])
-    skirt = np.vstack([side, -side]) + (300, 225)
+    skirt = np.vstack([side, -side]) + np.array([300, 225])
     failure = foldcell.perceive(photograph((skirt, BLUE)), garment="skirt", unit="px").failure
     assert failure is not None and "which end of skirt is the upper one" in failure.what
 
