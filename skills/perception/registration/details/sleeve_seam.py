@@ -123,8 +123,10 @@ def _darkness(picture: ClothPicture, curves: Array, normals: Array) -> tuple[Arr
     three show the garment."""
     shape = curves.shape[:-1]
     pixels = [picture.pixels((curves + side * _BESIDE * normals).reshape(shape[0], -1, 2)) for side in (-1, 0, 1)]
-    low = np.maximum(np.floor(np.min([p.min(axis=(0, 1)) for p in pixels], axis=0)).astype(int) - 3, 0)
+    low = np.floor(np.min([p.min(axis=(0, 1)) for p in pixels], axis=0)).astype(int) - 3
     high = np.ceil(np.max([p.max(axis=(0, 1)) for p in pixels], axis=0)).astype(int) + 4
+    # A displaced seam may lie beside the picture. The window then holds the nearest pixels.
+    low, high = np.clip(low, 0, np.array(picture.mask.shape[::-1]) - 1), np.maximum(high, 1)
     window = slice(low[1], high[1]), slice(low[0], high[0])
     bright = cv2.GaussianBlur(picture.rgb[window].mean(axis=2, dtype=np.float32), (0, 0), 0.7)
     cloth = cv2.erode(picture.mask[window].astype(np.uint8), np.ones((3, 3), np.uint8)).astype(np.float32)

@@ -101,3 +101,14 @@ def test_one_of_many_dark_lines_is_no_seam(apart):
     checked = lined.astype(np.uint8)
     for _, sigma in found(ClothPicture(checked, plain.mask, pixels, checked, pixels)):
         assert sigma > 0.012
+
+
+def test_seams_near_the_edge_of_the_picture_are_weighed_without_what_lies_beside_it():
+    """Lines that are displaced outwards lie beside the picture, on either side of it."""
+    whole, beside = shirt(), np.array([15.0, 0.0])
+    rgb, mask = whole.rgb[:, 15:-15].copy(), whole.mask[:, 15:-15].copy()
+    picture = ClothPicture(rgb, mask, lambda points: pixels(points) - beside, rgb, lambda points: points)
+    shoulders = [(side * (0.27, 0.2), 0.003) for side in SIDES]
+    seams = locate_seams(picture, Boundary(OUTLINE), shoulders, SIDES * (0.28, 0.02), np.array([0.0, 1.0]))
+    for place, sigma in seams:
+        assert np.linalg.norm(np.abs(place) - (0.27, 0.2)) < 0.004 and sigma < 0.005
