@@ -23,6 +23,8 @@ _UNIT = 0.1
 """Residual, relative to the contrast of table and cloth, beyond which the loss grows only linearly."""
 _CORRELATED = 12.0
 """Number of neighbouring residuals that share an error."""
+_UNSEEN = 1e-9
+"""Weight that leaves a parameter unknown if no pixel shows it, as the blur of a gap that lies beside the strip."""
 _STEPS = 25
 _LOW = np.array([-0.08, -0.05, -1.0, 0.02, -0.5, 0.0008, -6.0])
 _HIGH = np.array([0.2, 0.05, 1.0, 2.5, 0.9, 0.0035, 6.0])
@@ -116,7 +118,7 @@ def _descend(start: Array, strip: Strip, prior: WedgePrior) -> Wedge:
     away = np.abs(strip.v - (p[1] + p[2] * (strip.s - p[0]))[:, None])
     near = away < 0.008 + 0.5 * p[3] * u[:, None]
     difference = ((_model(p, strip)[0] - strip.colours) ** 2).sum(axis=-1)[near]
-    A[np.diag_indices_from(A)] += 1e-9  # parameters of a gap that is nowhere seen
+    A[np.diag_indices_from(A)] += _UNSEEN
     return Wedge(p, _CORRELATED * np.linalg.inv(A), float(np.sqrt(difference.mean())) if near.any() else 1.0, cost)
 
 

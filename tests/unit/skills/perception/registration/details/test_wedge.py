@@ -71,3 +71,10 @@ def test_the_prior_enters_the_cost():
     assert r.shape == (J.shape[0],)
     expected = 12.0 * ((0.004 / 0.02) ** 2 + 0.25**2 + (0.2 / 0.5) ** 2)
     assert cost == pytest.approx(expected, rel=1e-6)
+
+
+def test_of_a_gap_that_lies_beside_the_strip_only_what_the_prior_knows_is_known():
+    closed = Strip(S - 0.5, V, np.zeros((len(S), len(V), 3)), TABLE, np.tile(CLOTH, (len(S), 1)), ROUND)
+    start = np.array([0.0, 0.0, 1.0, 0.15, 0.2, 0.002, 0.0])
+    sigmas = np.sqrt(np.diag(fit_wedge(closed, [start], PRIOR, 1).covariance))
+    assert sigmas[0] == pytest.approx(PRIOR.place, rel=0.01) and sigmas[5] > 1.0
