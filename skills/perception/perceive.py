@@ -503,14 +503,17 @@ def _ambiguous(garment: str, sigmas: Mapping[str, float], confidence: float, tur
     """The refusal of a garment whose key points are not visible well enough. sigmas: name -> [m]. turned:
     probability that it lies the other way round."""
     name = max(sigmas, key=lambda name: sigmas[name])
-    hidden = (
-        f"where the {name} of {garment} is" if turned < EITHER_WAY else f"which end of {garment} is the upper one"
-    )
+    upside_down = turned >= EITHER_WAY
     return Failure(
         FailureKind.LOW_CONFIDENCE,
-        f"the picture does not show {hidden}: its key points are accurate only with a probability of "
-        f"{confidence:.2f}",
-        "lay sleeves and legs apart, or use a table of another colour or more even light",
+        f"the picture does not show which end of {garment} is the upper one: its key points are accurate only with "
+        f"a probability of {confidence:.2f}"
+        if upside_down
+        else f"the picture does not show where the {name} of {garment} is: its key points are accurate only with a "
+        f"probability of {confidence:.2f}",
+        "lay its hem out to the full width, or place the key points by hand (`foldcell garment new --edit`)"
+        if upside_down
+        else "lay sleeves and legs apart, or use a table of another colour or more even light",
         {"confidence": confidence, "keypoint": name, "sigma_m": sigmas[name]},
     )
 

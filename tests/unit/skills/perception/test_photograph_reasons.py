@@ -92,6 +92,7 @@ def test_a_skirt_with_two_like_ends_is_refused_because_either_may_be_the_upper_o
     skirt = np.vstack([side, -side]) + np.array([300, 225])
     failure = foldcell.perceive(photograph((skirt, BLUE)), garment="skirt", unit="px").failure
     assert failure is not None and "which end of skirt is the upper one" in failure.what
+    assert "hem" in failure.hint and "sleeves" not in failure.hint
 
 
 def test_a_small_rectangle_is_a_towel_only_if_it_is_named() -> None:
