@@ -66,7 +66,7 @@ def perceive(
     settings; 'px' for a picture taken from above by an unknown camera.
 
     Raises ConfigurationError for an invalid argument or file, and for a picture whose size differs from the
-    calibrated camera's.
+    calibrated camera's. One by an unknown camera may be neither smaller than 50 pixels nor longer than 5:1.
     """
     unit = text(unit, "unit")
     if unit not in ("m", "px"):

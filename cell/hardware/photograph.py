@@ -30,6 +30,9 @@ above the table [m]."""
 LONGEST = 5.0
 """Largest ratio of the sides of such a picture. The view of the table has the shape of the picture, and its memory
 grows with this ratio."""
+SMALLEST = 50
+"""Fewest pixels of a side of such a picture. Key points have to be accurate to 2 % of the garment's diagonal, which
+is 1.4 pixels if a square towel fills the smallest picture."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,8 +88,13 @@ def photographed(shape: tuple[int, ...]) -> tuple[CameraCalibration, Table]:
     """Return an assumed calibration and table for a picture by an unknown camera. shape: (rows, columns, ...) of
     the picture. The camera is assumed straight above the table, and the picture shows a width of `WIDTH` on it.
     Results in pixels are valid, results in metres are not. Raises ConfigurationError for a picture that is too
-    long."""
+    long or too small."""
     rows, columns = shape[:2]
+    if min(rows, columns) < SMALLEST:
+        raise ConfigurationError(
+            f"the picture is {columns} x {rows} pixels: each side needs at least {SMALLEST}",
+            "give the picture as it was taken, not a reduced one",
+        )
     if max(rows, columns) > LONGEST * min(rows, columns):
         raise ConfigurationError(
             f"the picture is {columns} x {rows} pixels: one side is more than {LONGEST:.0f} times the other",

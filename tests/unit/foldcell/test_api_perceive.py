@@ -94,6 +94,17 @@ def test_a_picture_without_a_garment_returns_a_failure_and_raises_no_error() -> 
     assert seen.garment is None and seen.keypoints == {} and seen.contour.shape == (0, 2)
 
 
+@pytest.mark.parametrize(
+    ("size", "message"),
+    [((1, 1), "at least 50"), ((49, 80), "at least 50"), ((400, 8), "at least 50"), ((60, 301), "5 times")],
+)
+def test_a_picture_by_an_unknown_camera_must_not_be_tiny_or_very_long(size: tuple[int, int], message: str) -> None:
+    """Tiny pictures of noise had been taken for skirts."""
+    noise = np.random.default_rng(0).integers(0, 255, (*size, 3), dtype=np.uint8)
+    with pytest.raises(foldcell.ConfigurationError, match=message):
+        foldcell.perceive(noise, unit="px")
+
+
 PICTURE = np.zeros((480, 640, 3), np.uint8)
 DEPTH = np.ones((480, 640), np.float32)
 
