@@ -20,7 +20,7 @@ POLYGON_IOU = 0.91
 FREE_POLYGON_IOU, UNNAMED_IOU = 0.86, 0.93
 """Minimum overlap in a photograph, where limbs may be bent as well as swung; and if no garment was named, because
 any shape with four corners resembles a towel."""
-MEMBER_IOU, MOST_STRAIN = 0.90, 0.60
+MEMBER_IOU, MOST_UNUSUAL = 0.90, 0.60
 """Minimum overlap of a member of a family, which has bends, and how unusual its proportions may be. A member with
 very unusual ones resembles any outline, such as a rectangular print."""
 MAX_DISTORTION = 0.20
@@ -28,6 +28,9 @@ MAX_DISTORTION = 0.20
 logarithm of observed over template length."""
 LONGEST_TOWEL = 3.0
 """Maximum ratio of a towel's sides in a photograph: bar towels of 30 x 90 cm have it, and few have more."""
+LEAST_WAIST = 0.15
+"""Minimum width of a skirt's waist in a photograph, relative to its hem's. The narrowest is that of a full circle,
+laid flat as half of one: 0.16 for a length of 60 cm and a waist of 70 cm."""
 MOST_UNEQUAL = 1.8
 """Maximum ratio of the areas of two sleeves in a photograph. Those of 35 flat shirts of the real set
 (`benchmarks.photographs`) differ by a factor of up to 1.35."""
@@ -124,9 +127,11 @@ def misfit(
     polygon = np.array([registration.keypoints[name] for name in garment.keypoints])
     lengths = segment_lengths(np.asarray(garment.template, dtype=float))
     ratio = np.log(np.maximum(segment_lengths(polygon), 1e-6) / lengths)
-    least, strain = (FREE_POLYGON_IOU if named else UNNAMED_IOU) if free else POLYGON_IOU, 0.0
+    least, unusual = (FREE_POLYGON_IOU if named else UNNAMED_IOU) if free else POLYGON_IOU, 0.0
+    impossible = free and _without_waist(registration.keypoints)
     if isinstance(garment, MemberOutline):
-        least, strain = MEMBER_IOU, garment.unusual
+        least, unusual = MEMBER_IOU, garment.unusual
+        impossible = impossible or unusual > MOST_UNUSUAL
         # Its bends belong to the shape, and an edge of a few millimetres, as an underarm seam, has any ratio.
         overlap = polygon_iou(garment.placed, contour)
         middle = np.average(ratio, weights=lengths)
@@ -134,9 +139,10 @@ def misfit(
     else:
         sides = segment_lengths(polygon) + np.roll(segment_lengths(polygon), 2)
         if free and garment.category == "towel" and sides.max() <= LONGEST_TOWEL * sides.min():
-            ratio = 0.5 * (ratio - np.roll(ratio, 2))  # any proportions
+            # Its sides may have any proportions, so that only opposite ones are compared.
+            ratio = 0.5 * (ratio - np.roll(ratio, 2))
         overlap, distortion = polygon_iou(polygon, contour), float(ratio.std())
-    if overlap >= least and distortion <= MAX_DISTORTION and strain <= MOST_STRAIN:
+    if overlap >= least and distortion <= MAX_DISTORTION and not impossible:
         if registration.least_turn >= LEAST_TURN:
             return None
         return Failure(
@@ -149,11 +155,19 @@ def misfit(
         FailureKind.UNKNOWN_GARMENT,
         f"the silhouette is not that of {garment.name} (polygon of the key points overlaps by {overlap:.2f}, "
         f"proportions differ by {distortion:.0%})"
-        if strain <= MOST_STRAIN
+        if not impossible
         else f"the silhouette fits {garment.name} only in proportions that no such garment has",
         "spread the garment flat, or make a template with `foldcell garment new`",
-        {"polygon_iou": overlap, "distortion": distortion, "strain": strain},
+        {"polygon_iou": overlap, "distortion": distortion, "unusual": unusual},
     )
+
+
+def _without_waist(keypoints: Mapping[str, Array]) -> bool:
+    """Whether a skirt runs to a point, as any outline with a tip can be fitted by one."""
+    if not {f"{end}_{side}" for end in ("waist", "hem") for side in ("left", "right")} <= set(keypoints):
+        return False
+    waist, hem = (np.linalg.norm(keypoints[f"{end}_left"] - keypoints[f"{end}_right"]) for end in ("waist", "hem"))
+    return bool(waist < LEAST_WAIST * hem)
 
 
 def _unequal_sleeves(keypoints: Mapping[str, Array]) -> Failure | None:

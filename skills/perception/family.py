@@ -203,10 +203,10 @@ _FIRST_STEPS = 8
 """Steps after which only the best starts go on."""
 _TRIED = 10
 """Number of starts that are fitted, those that are nearest to the outline."""
-_EVEN = 4.0
-"""Sharpness with which the direction of an edge is compared with another one; 4 is 7 degrees."""
 _KEPT = 2
 """Number of starts that go on."""
+_SHARPNESS = 4.0
+"""Sharpness with which the directions of two edges are compared; 4 is a standard deviation of 7 degrees."""
 _SCALE, _LAST_SCALE = 0.15, 0.03
 """First and last scale of Tukey's weights, relative to the square root of the garment's area."""
 _DATA_SIGMA = 0.012
@@ -221,7 +221,7 @@ _POSE = 4
 _BEND_SIGMA = 0.05
 """Standard deviation of a bend from a straight edge, relative to the garment's length."""
 _MOST_COUNTED = 9.0
-"""A squared deviation counts at most as this in the strain: a single figure may be very unusual."""
+"""A squared deviation counts at most as this in how unusual a member is: a single figure may be very unusual."""
 _CROSSED = 1.5
 """Factor of the cost of an outline that crosses itself, as that of a sleeve which lies beside the body can."""
 _PRIOR_COST = 1e-4
@@ -306,7 +306,9 @@ class _Search:
             fits = [fits[0], *(p for p in fits if np.cos(p[2] - fits[0][2]) < -0.5)]
         fits = [_fitted(model, p, boundary, size, range(_FIRST_STEPS, _STEPS)) for p in fits[:_KEPT]]
         chosen, *others = sorted(fits, key=cost)
-        turned = [cost(p) for p in others if np.cos(p[2] - chosen[2]) < -0.5]
+        # A squared deviation costs `_PRIOR_COST`, and half of it is a negative log likelihood.
+        ahead = [cost(p) - cost(chosen) for p in others if np.cos(p[2] - chosen[2]) < -0.5]
+        turned = float(expit(-0.5 * min(ahead) / _PRIOR_COST)) if ahead else 0.0
         polygon, names = model.polygon(chosen), self.garment.keypoints
         if polygon_iou(polygon, self.outline) <= self.overlap:
             return None
@@ -317,10 +319,15 @@ class _Search:
             model.template(chosen),
             self.scale * polygon,
             np.array([names.index(name) if name in names else -1 for name in model.vertices]),
-            float(np.minimum(model.prior(chosen) ** 2, _MOST_COUNTED).mean()),
-            float(np.minimum(model.deviations(chosen)[0] ** 2, _MOST_COUNTED).mean()),
-            float(expit(0.5 * (cost(chosen) - min(turned, default=np.inf)) / _PRIOR_COST)),
+            _unusual(model.prior(chosen)),
+            _unusual(model.deviations(chosen)[0]),
+            turned,
         )
+
+
+def _unusual(deviations: Array) -> float:
+    """Return the mean square of deviations (r,) [standard deviations], none of which counts for too much."""
+    return float(np.minimum(deviations**2, _MOST_COUNTED).mean())
 
 
 def _has_joints(garment: GarmentOutline, family: Family) -> bool:
@@ -448,12 +455,13 @@ class _Model:
         return np.concatenate(self.deviations(p), axis=-1)
 
     def deviations(self, p: Array) -> tuple[Array, Array]:
-        """Return those of the proportions: of the figures from the middles of their ranges and from the ranges, of
-        the sides from each other, and of points across the axis; and those of how the cloth lies: the shear, and
-        the bends from a straight edge."""
+        """Return two groups of residuals (..., r). The first is that of the proportions: of the figures from the
+        middles of their ranges and from the ranges, of the sides from each other, and of points across the axis.
+        The second is that of how the cloth lies: the shear, and the bends from a straight edge."""
         half, other, at = self._half(p, 0), self._half(p, 1), _POSE
         size = np.maximum(half[self.family.end][..., :1], 1e-3)
-        found, lie = list[Array](), [p[..., 3, None] / self.family.shear]
+        found: list[Array] = []
+        lie = [p[..., 3, None] / self.family.shear]
         for joint in self.family.joints:
             figures = [(p[..., at, None] - np.log(size), np.log(joint.length))]
             if not joint.fixed:
@@ -526,7 +534,7 @@ def _edge_turns(points: Array) -> list[float]:
     along = np.roll(points, -1, axis=0) - points
     tried = np.deg2rad(np.arange(0.0, 90.0, 3.0))
     off = np.arctan2(along[:, 1], along[:, 0]) - tried[:, None]
-    runs = (np.linalg.norm(along, axis=1) * np.exp((np.cos(4.0 * off) - 1.0) * _EVEN)).sum(axis=1)
+    runs = (np.linalg.norm(along, axis=1) * np.exp((np.cos(4.0 * off) - 1.0) * _SHARPNESS)).sum(axis=1)
     return [float(tried[np.argmax(runs)]) + 0.5 * np.pi * k for k in range(4)]
 
 

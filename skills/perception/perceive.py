@@ -506,11 +506,11 @@ def _ambiguous(garment: str, sigmas: Mapping[str, float], confidence: float, tur
     upside_down = turned >= EITHER_WAY
     return Failure(
         FailureKind.LOW_CONFIDENCE,
-        f"the picture does not show which end of {garment} is the upper one: its key points are accurate only with "
-        f"a probability of {confidence:.2f}"
+        f"the picture does not show which end of {garment} is the upper one: its key points are accurate only "
+        f"with a probability of {confidence:.2f}"
         if upside_down
-        else f"the picture does not show where the {name} of {garment} is: its key points are accurate only with a "
-        f"probability of {confidence:.2f}",
+        else f"the picture does not show where the {name} of {garment} is: its key points are accurate only with "
+        f"a probability of {confidence:.2f}",
         "lay its hem out to the full width, or place the key points by hand (`foldcell garment new --edit`)"
         if upside_down
         else "lay sleeves and legs apart, or use a table of another colour or more even light",

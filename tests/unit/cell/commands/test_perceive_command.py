@@ -92,14 +92,14 @@ def test_the_second_best_garment_is_told_if_none_was_named(
 
 
 @pytest.mark.parametrize(
-    ("garment", "reason"), [("t_shirt", "low_confidence"), ("medium_towel", "out_of_view")], ids=["misfit", "cut"]
+    ("garment", "reason"), [("t_shirt", "not_flat"), ("medium_towel", "out_of_view")], ids=["misfit", "cut"]
 )
 def test_a_refusal_draws_and_names_the_missing_key_point(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], garment: str, reason: str
 ) -> None:
     photograph(tmp_path / "whole.png", (640, 480))
     picture = cv2.imread(str(tmp_path / "whole.png"))
-    cut = picture if reason == "low_confidence" else np.ascontiguousarray(picture[:, 230:])
+    cut = picture if reason == "not_flat" else np.ascontiguousarray(picture[:, 230:])
     cv2.imwrite(str(tmp_path / "towel.png"), cut)
     command = ["perceive", str(tmp_path / "towel.png"), "--unit", "px", "--garment", garment]
     assert main([*command, "--json"]) == 2

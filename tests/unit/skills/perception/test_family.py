@@ -14,7 +14,7 @@ from benchmarks.real_outlines import RealGarment, real_garments
 from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.config.garments.garment_file import list_garments, load_garment
 from foldcell.cell.hardware.photograph import Photograph, in_unit, perceive_photograph
-from foldcell.skills.perception.candidate import MOST_STRAIN
+from foldcell.skills.perception.candidate import MOST_UNUSUAL
 from foldcell.skills.perception.classify import classify, polygon_iou
 from foldcell.skills.perception.family import FAMILIES, best_members
 from foldcell.skills.perception.outline import MemberOutline, resample_closed
@@ -79,7 +79,7 @@ def test_one_unusual_figure_does_not_make_a_real_garment_impossible() -> None:
     outline = laid(garment, garment.outline) * (0.87, 1.10)
     (member,) = best_members(outline, [load_garment(garment.like)])
     assert isinstance(member, MemberOutline) and polygon_iou(member.placed, outline) > 0.95
-    assert member.unusual < 0.8 * MOST_STRAIN
+    assert member.unusual < 0.8 * MOST_UNUSUAL
 
 
 @pytest.mark.parametrize("name", ["t_shirt_round_hem", "shirt_tails", "vest_round_hem", "skirt_wide"])
@@ -111,7 +111,7 @@ def flares() -> np.ndarray:
 def test_wide_flares_are_usual_proportions() -> None:
     """Bends at hip and knee are no proportions."""
     (member,) = best_members(flares(), [load_garment("pants")])
-    assert isinstance(member, MemberOutline) and member.unusual < 0.8 * MOST_STRAIN
+    assert isinstance(member, MemberOutline) and member.unusual < 0.8 * MOST_UNUSUAL
 
 
 def test_a_crotch_is_not_below_the_end_of_the_gap_that_is_seen() -> None:
