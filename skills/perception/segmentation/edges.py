@@ -34,10 +34,13 @@ _EVEN, _ROUNDING = 12.0, 4.0
 """The ground is even if 95 % of its rim are less steep than the first. White desks are at 4 to 11; joints of
 boards and tiles, folds of bed linen and wood are at 13 and more. The second is the steepness that rounding makes
 [grey levels, Sobel]."""
+_EDGE = 2.0
+"""An edge is steeper than 90 % of the rim everywhere, and so many times as steep somewhere: the two thresholds of
+Canny (A computational approach to edge detection, 1986), who advises two to three."""
 _GAP, _WIDE_GAP, _BORDER = 5, 11, 4
 """Gaps in an edge that are narrower than the first are closed, and what is narrower is no cloth. If the region is
-larger when gaps up to the second are closed, it is a part of something. One that comes as near to the border of
-the picture as the third may go on beyond it [px]."""
+larger when gaps up to the second are closed, it is a part of something; what is apart then is another thing. A
+region that comes as near to the border of the picture as the third may go on beyond it [px]."""
 _REACH, _BEND = 6.0, 0.3
 """The sharpest edge is sought so far on both sides of a region's outline [px]. The second is the price of a step
 aside by one pixel from one place of the outline to the next, relative to a typical edge."""
@@ -54,28 +57,30 @@ def segment_by_edges(rgb: Image, valid: Mask) -> Segmentation | None:
     accurate.
 
     The confidence is the share of the outline that is an edge, times the share of the region in what its edges
-    surround if wide gaps in them are closed.
+    surround if wide gaps in them are closed. `others` is the largest other thing that lies wholly in the picture.
     """
     lab = cv2.cvtColor(cv2.GaussianBlur(rgb, (0, 0), 1.0), cv2.COLOR_RGB2LAB)
     colours = lab.astype(np.float32)
     across, down = cv2.Sobel(colours, cv2.CV_32F, 1, 0), cv2.Sobel(colours, cv2.CV_32F, 0, 1)
     steep = np.hypot(across, down).max(axis=2)  # as `cv2.Canny` measures it
     rim = valid & ~eroded(valid, round(_RIM * max(valid.shape)))
-    ground, most = np.maximum(np.quantile(steep[rim], (0.9, 0.95)), _ROUNDING).tolist()
-    if most > _EVEN:
+    usual, steepest = np.maximum(np.quantile(steep[rim], (0.9, 0.95)), _ROUNDING).tolist()
+    if steepest > _EVEN:
         return None
-    edges = (cv2.Canny(lab, ground, 2.0 * ground, L2gradient=True) > 0) & valid
-    mask, whole = (largest(opened(filled(closed(edges, gap)), _GAP)) for gap in (_GAP, _WIDE_GAP))
-    if np.count_nonzero(mask) < SMALLEST_AREA or (mask & ~eroded(valid, _BORDER)).any():
+    edges = (cv2.Canny(lab, usual, _EDGE * usual, L2gradient=True) > 0) & valid
+    things, joined = (opened(filled(closed(edges, gap)), _GAP) for gap in (_GAP, _WIDE_GAP))
+    mask, whole, border = largest(things), largest(joined), ~eroded(valid, _BORDER)
+    if np.count_nonzero(mask) < SMALLEST_AREA or (mask & border).any():
         return None
+    other = largest(things & ~whole & ~mask)
     line = _at_sharpest(longest_contour(mask), colours)
     away = _BESIDE[:, None] * outward_normals(smooth_closed(line, 3.0))[:, None]
     within, beyond = (sample(colours, line[:, None] + way * away).mean(axis=1) for way in (-1, 1))
     if np.mean(np.linalg.norm(within - beyond, axis=1) < _FAINT) < _FAINT_SHARE:
         return None
-    clear = float(np.mean(sample(steep, line[None]) > 2.0 * ground))
+    clear = float(np.mean(sample(steep, line[None]) > _EDGE * usual))
     share = min(float(np.count_nonzero(mask) / np.count_nonzero(whole)), 1.0)
-    return Segmentation(fill(line, valid), line, clear * share, np.zeros(valid.shape, bool))
+    return Segmentation(fill(line, valid), line, clear * share, other & ~(other & border).any())
 
 
 def _at_sharpest(outline: Array, colours: Field) -> Array:

@@ -62,6 +62,17 @@ def test_where_an_edge_fades_the_confidence_says_how_much_was_found(lighter: flo
     assert found is None or found.confidence < overlap + 0.08
 
 
+@pytest.mark.parametrize("other", [WHITE + 8.0, np.array([60.0, 80.0, 140.0])], ids=["white", "another colour"])
+def test_another_thing_on_the_ground_is_told(other: np.ndarray) -> None:
+    half, beside = (SHIRT * 0.6).astype(int), np.array([[400, 120], [520, 125], [515, 240], [398, 236]])
+    rgb, second = photograph(half, WHITE + 8.0), photograph(beside, other)
+    rgb[:, 370:] = second[:, 370:]
+    found = segment_by_edges(rgb, EVERYWHERE)
+    assert found is not None and found.others_share > 0.5
+    alone = segment_by_edges(photograph(half, WHITE + 8.0), EVERYWHERE)
+    assert alone is not None and alone.others_share < 0.05
+
+
 @pytest.mark.parametrize("moved", [(0, 80), (0, 150), (150, 0), (-180, 0)])
 def test_a_garment_that_the_border_cuts_off_is_not_clear(moved: tuple[int, int]) -> None:
     found = segment_by_edges(photograph(SHIRT + np.array(moved), WHITE - 8.0), EVERYWHERE)
