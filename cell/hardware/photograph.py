@@ -31,8 +31,8 @@ LONGEST = 5.0
 """Largest ratio of the sides of such a picture. The view of the table has the shape of the picture, and its memory
 grows with this ratio."""
 SMALLEST = 50
-"""Fewest pixels of a side of such a picture. Key points have to be accurate to 2 % of the garment's diagonal, which
-is 1.4 pixels if a square towel fills the smallest picture."""
+"""Fewest pixels of a side of such a picture. Key points have to be accurate to 2 % of the garment's diagonal: 1.4
+pixels, if a square towel fills the smallest picture."""
 
 
 @dataclass(frozen=True, eq=False)
