@@ -90,15 +90,15 @@ def photographed(shape: tuple[int, ...]) -> tuple[CameraCalibration, Table]:
     Results in pixels are valid, results in metres are not. Raises ConfigurationError for a picture that is too
     long or too small."""
     rows, columns = shape[:2]
-    if min(rows, columns) < SMALLEST:
-        raise ConfigurationError(
-            f"the picture is {columns} x {rows} pixels: each side needs at least {SMALLEST}",
-            "give the picture as it was taken, not a reduced one",
-        )
     if max(rows, columns) > LONGEST * min(rows, columns):
         raise ConfigurationError(
             f"the picture is {columns} x {rows} pixels: one side is more than {LONGEST:.0f} times the other",
             "crop it to the garment and some of the table around it",
+        )
+    if min(rows, columns) < SMALLEST:
+        raise ConfigurationError(
+            f"the picture is {columns} x {rows} pixels: each side needs at least {SMALLEST}",
+            "give the picture as it was taken, not a reduced one",
         )
     focal = HEIGHT * columns / WIDTH
     intrinsics = Intrinsics(columns, rows, focal, focal, (columns - 1) / 2, (rows - 1) / 2)
