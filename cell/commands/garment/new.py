@@ -21,7 +21,7 @@ from foldcell.cell.commands.shared import (
     check_garment_output,
     page_options,
 )
-from foldcell.cell.commands.skill.perceive import depth_options, look_at, write_refused
+from foldcell.cell.commands.skill.perceive import depth_options, doubts, look_at, write_refused
 from foldcell.cell.config.cell_settings import CellSettings, load_settings
 from foldcell.cell.config.garments.garment_file import load_garment
 from foldcell.cell.config.garments.key_points_file import read_checked_key_points
@@ -102,7 +102,7 @@ def run(options: argparse.Namespace) -> int:
     write_png(overlay, draw_on_camera(perception, look.frame.rgb))
     points = np.array([perception.state.keypoints[name] for name in like.keypoints])
     template = _write(options, settings, points, pair, f"({_scaled(options, like, pair)})")
-    found = {"recognised": True, "confidence": perception.state.confidence}
+    found = {"recognised": True, "confidence": perception.state.confidence, "doubts": doubts(perception)}
     return _say(options, like, template, output, overlay, found)
 
 

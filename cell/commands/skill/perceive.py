@@ -19,6 +19,10 @@ from foldcell.skills.perception.drawing import draw_on_camera, draw_overlay, dra
 from foldcell.skills.perception.perceive import Perception, Sought
 from foldcell.skills.vocabulary import Outcome
 
+SURE = 0.7
+"""From this confidence on, 60 of 63 accepted answers to fresh photographs were right; below it, 10 of 17
+(docs/results/photographs.md)."""
+
 
 @dataclass(frozen=True, eq=False)
 class Look:
@@ -170,3 +174,15 @@ def _lines(perception: Perception, overlay: Path, unit: str) -> Iterator[str]:
     for name, (x, y) in _keypoints(perception, unit).items():
         yield f"  {name:<20} {x:+.3f} {y:+.3f}" if unit == "m" else f"  {name:<20} {x:8.1f} {y:8.1f}"
     yield f"overlay  {overlay}"
+    yield from (f"doubt    {doubt}" for doubt in doubts(perception))
+
+
+def doubts(perception: Perception) -> tuple[str, ...]:
+    """Return what a person should look at, one text each; none if the key points are probably right."""
+    confidence = perception.state.confidence
+    if confidence >= SURE:
+        return ()
+    return (
+        f"a key point may be off (confidence {confidence:.2f}, sure from {SURE:.2f} on): look at the overlay; "
+        "'foldcell garment new --edit' corrects it",
+    )

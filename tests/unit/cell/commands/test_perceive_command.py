@@ -1,6 +1,7 @@
 """`foldcell perceive` on photographs of an unknown camera, and the keys of its JSON result."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -10,7 +11,10 @@ import pytest
 from benchmarks.photographs.judge import judge
 from benchmarks.photographs.real.photograph import draw
 from foldcell.cell.commands.main import main
+from foldcell.cell.commands.skill.perceive import SURE, doubts
+from foldcell.cell.config.cell_settings import load_settings
 from foldcell.cell.config.garments.garment_file import load_garment
+from foldcell.cell.hardware.photograph import perceive_photograph, read_photograph
 
 KEYS = {"category", "confidence", "keypoints", "unit", "accepted", "reason", "contour"}
 
@@ -37,6 +41,18 @@ def test_key_points_of_a_photograph_are_in_pixels(
     assert answer["unit"] == "px" and answer["accepted"] and answer["category"] == "towel"
     found = np.array(list(answer["keypoints"].values()))
     assert max(np.linalg.norm(found - c, axis=1).min() for c in corners) < 0.01 * size[0]
+
+
+def test_a_doubtful_answer_says_how_to_correct_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The same towel, in a picture of which a person is told nothing, and with the confidence of a doubtful one."""
+    photograph(tmp_path / "towel.png", (900, 700))
+    assert main(["perceive", str(tmp_path / "towel.png"), "--unit", "px"]) == 0
+    assert "\ndoubt " not in capsys.readouterr().out
+    picture, settings = read_photograph(tmp_path / "towel.png", None), load_settings(None)
+    perception = perceive_photograph(picture, None, "auto", "px", settings, lambda _: None)[0].unwrap()
+    doubtful = replace(perception, state=replace(perception.state, confidence=SURE - 0.01))
+    (doubt,) = doubts(doubtful)
+    assert "confidence 0.69" in doubt and "garment new --edit" in doubt
 
 
 def test_a_refused_picture_has_the_same_json_keys_and_a_reason(
