@@ -44,7 +44,7 @@ def test_key_points_of_a_photograph_are_in_pixels(
 
 
 def test_a_doubtful_answer_says_how_to_correct_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The same towel, in a picture of which a person is told nothing, and with the confidence of a doubtful one."""
+    """A sure answer to the picture of a towel, and the same one with the confidence of a doubtful one."""
     photograph(tmp_path / "towel.png", (900, 700))
     assert main(["perceive", str(tmp_path / "towel.png"), "--unit", "px"]) == 0
     assert "\ndoubt " not in capsys.readouterr().out
