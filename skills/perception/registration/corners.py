@@ -18,6 +18,9 @@ from foldcell.skills.perception.registration.energy import Boundary, closest_seg
 
 NOTCH_ANGLE = 5.6
 """A corner with a larger interior angle than this is a notch between two limbs, such as a crotch [rad]."""
+ROUND_END = "neck"
+"""Key point at the round end of a notch, of which the outline shows all, unlike that of the gap between two legs:
+the middle of a vest's neckline."""
 HOLLOW_ANGLE = 4.9
 """A corner with a larger interior angle than this is hollow, as the armpit of a shirt [rad]."""
 _SHARP = 0.7
@@ -92,11 +95,10 @@ def set_corners(
             continue
         if notch:
             tip = _map_estimate(lines, _by_template(k, shape, X[corners], clear))
-            first, last = k - 1, (k + 1) % len(corners)
-            inside = (point_arc - corner_arc[first]) % total < (corner_arc[last] - corner_arc[first]) % total
-            inwards = tip - 0.5 * (X[corners[first]] + X[corners[last]])
-            if fitted and inside.any() and (q[inside] @ inwards).max() > tip @ inwards:
-                tip = q[inside][np.argmax(q[inside] @ inwards)]  # flared legs: the gap is seen beyond the lines
+            if fitted:
+                first, last = k - 1, (k + 1) % len(corners)
+                inside = (point_arc - corner_arc[first]) % total < (corner_arc[last] - corner_arc[first]) % total
+                tip = _seen_end(tip, 0.5 * (X[corners[first]] + X[corners[last]]), q[inside])
         else:
             meeting = _intersection(lines)
             tip = X[vertex] if meeting is None else _rounded_corner_tip(meeting, lines, angles[k], boundary)
@@ -208,6 +210,14 @@ def _rounded_corner_tip(
     missing_length = float(np.linalg.norm(missing))
     removed = _SMOOTHED * abs(float(np.cos(0.5 * angle)))
     return np.asarray(tip + missing * min(1.0, removed / max(missing_length, 1e-9)))
+
+
+def _seen_end(tip: Array, opening: Array, seen: Array) -> Array:
+    """Return the end (2,) of a gap: the tip (2,), or of the boundary points `seen` (n, 2) in the gap the one that
+    lies furthest from its opening (2,), if that is further. Between flared legs, the gap goes on beyond the place
+    where the lines meet."""
+    depths = (seen - opening) @ (tip - opening)
+    return seen[np.argmax(depths)] if len(seen) and depths.max() > (tip - opening) @ (tip - opening) else tip
 
 
 def _towards(corner: Array, point: Array, direction: Array) -> Array:

@@ -27,7 +27,13 @@ from foldcell.skills.perception.outline import (
     segment_lengths,
     symmetries,
 )
-from foldcell.skills.perception.registration.corners import HOLLOW_ANGLE, NOTCH_ANGLE, least_turn, set_corners
+from foldcell.skills.perception.registration.corners import (
+    HOLLOW_ANGLE,
+    NOTCH_ANGLE,
+    ROUND_END,
+    least_turn,
+    set_corners,
+)
 from foldcell.skills.perception.registration.energy import (
     Boundary,
     EnergyWeights,
@@ -111,9 +117,9 @@ def register(contour: Array, garment: GarmentOutline) -> Registration:
         fits = [fit(start.polygon, boundary, settings) for start in best_starts(polygon, boundary)]
     X, feature, history, stages = min(fits, key=lambda f: _score(f[0], f[1], polygon, boundary, settings))
     vertices = np.flatnonzero(feature >= 0)
-    # The outline of a vest shows the round end of its neckline, unlike that of the gap between two legs.
-    neck = names.index("neck") if isinstance(garment, MemberOutline) and "neck" in names else -1
-    X, sigma = set_corners(X, feature, polygon, boundary, isinstance(garment, MemberOutline), neck)
+    fitted = isinstance(garment, MemberOutline)
+    rounded = names.index(ROUND_END) if fitted and ROUND_END in names else -1
+    X, sigma = set_corners(X, feature, polygon, boundary, fitted, rounded)
     sigmas = {names[feature[vertex]]: float(s) for vertex, s in zip(vertices, sigma, strict=True)}
     points = {names[feature[i]]: frozen(X[i].copy()) for i in vertices}
     angles = interior_angles(polygon)[feature[vertices]]

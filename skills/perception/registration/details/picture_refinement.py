@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from foldcell.robots.ports import Array, frozen
 from foldcell.skills.perception.outline import GarmentOutline, interior_angles, polygon_area
-from foldcell.skills.perception.registration.corners import HOLLOW_ANGLE, NOTCH_ANGLE
+from foldcell.skills.perception.registration.corners import HOLLOW_ANGLE, NOTCH_ANGLE, ROUND_END
 from foldcell.skills.perception.registration.details.cloth_picture import ClothPicture
 from foldcell.skills.perception.registration.details.gap_end import HOLLOW, NARROW, locate_gap_end
 from foldcell.skills.perception.registration.details.sleeve_seam import locate_seams
@@ -84,12 +84,12 @@ def notches(registration: Registration, garment: GarmentOutline) -> tuple[str, .
     """Return the names of the key points at the end of a gap between two limbs, or between a limb and the body.
 
     A notch of the template is a notch in any pose. A limb that lies close to the body, such as a lowered sleeve,
-    makes a further notch. The neck of a vest is none, however deep.
+    makes a further notch. A round end is none, however deep.
     """
     lying = np.array([registration.keypoints[name] for name in garment.keypoints])
     angles = np.maximum(_interior_angles(np.asarray(garment.template, dtype=float)), _interior_angles(lying))
     return tuple(
-        garment.keypoints[k] for k in np.flatnonzero(angles > NOTCH_ANGLE) if garment.keypoints[k] != "neck"
+        garment.keypoints[k] for k in np.flatnonzero(angles > NOTCH_ANGLE) if garment.keypoints[k] != ROUND_END
     )
 
 

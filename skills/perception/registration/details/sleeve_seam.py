@@ -35,6 +35,8 @@ length in units of 16 mm."""
 _ASIDE = (-0.2, 0.2, 0.3, 0.4)
 """Displacements of a seam to where the cloth has none, relative to the distance of the armpits. On checked and
 striped cloth, lines there have as much evidence; a seam has more than most of them."""
+_SPARSE = 3
+"""One in so many displaced lines is enough: a dark line is wider than the places of the outline are apart."""
 _RANGE = 3.0
 """Seams are looked for up to so many standard deviations from where the outline puts the shoulder."""
 _ALIKE = (0.02, 0.04)
@@ -61,7 +63,8 @@ def locate_seams(
         length = float(np.linalg.norm(armpit - place))
         seen.append((_evidence(picture, at, armpit, length), 0.5 * (apart / sigma) ** 2))
         for aside in _ASIDE:
-            elsewhere.append(_evidence(picture, at[::3] + aside * across, armpit + aside * across, length).max())
+            moved = at[::_SPARSE] + aside * across
+            elsewhere.append(_evidence(picture, moved, armpit + aside * across, length).max())
         ends.append(at)
         away.append((at - armpit) @ np.column_stack([up, (-up[1], up[0])]) / size)
     even = max(_EVEN, float(np.quantile(elsewhere, 0.75)))
