@@ -488,7 +488,7 @@ def _judged(
             {"fit": fit, "iou": iou, "boundary_rms_m": registration.residual},
         )
         return look(flatness(failure, segmentation, settings))
-    if confidence < settings.least_confidence:
+    if not confidence >= settings.least_confidence:  # also one that is not a number
         return look(_ambiguous(garment.name, sigmas, confidence, turned))
     state = GarmentState(
         garment.category, registration.contour, registration.keypoints, confidence, registration.ambiguous
