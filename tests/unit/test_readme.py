@@ -22,7 +22,7 @@ PLACES = {
     "docs/results/grasps.md": r"^\| all \|  \| (?P<n>\d+) of (?P<of>\d+) \|",
     "docs/results/garments.md#runs": r"^\| all \| \d+ \| \d+ \| [^|]+ \| (?P<of>\d+) \| (?P<n>\d+) \|",
     "docs/results/score.md": r"Wrong verdicts: (?P<n>\d+) of (?P<of>\d+)",
-    "docs/results/faults.md#a-sample-of-all-kinds": r"At their first performance: (?P<n>\d+) of (?P<of>\d+)",
+    "docs/results/faults.md#samples-of-all-kinds": r"At their first performance: (?P<n>\d+)\s+of (?P<of>\d+)",
     "docs/results/faults.md#cloth-on-a-finger": r"^Recovered: (?P<n>\d+) of (?P<of>\d+)",
     "docs/results/state_estimate.md": r"^Right: (?P<n>\d+) of (?P<of>\d+)",
     "docs/results/kill_points.md": r"Nothing lost: (?P<n>\d+) of (?P<of>\d+)",
