@@ -183,6 +183,6 @@ def doubts(perception: Perception) -> tuple[str, ...]:
     if confidence >= SURE:
         return ()
     return (
-        f"a key point may be off (confidence {confidence:.2f}, sure from {SURE:.2f} on): look at the overlay; "
-        "'foldcell garment new --edit' corrects it",
+        f"a key point may be off (confidence {confidence:.2f}; from {SURE:.2f} on they are seldom off): "
+        "look at the overlay; 'foldcell garment new --edit' corrects it",
     )

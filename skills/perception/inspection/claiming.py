@@ -9,7 +9,7 @@ import numpy as np
 
 from foldcell.robots.ports import Array
 from foldcell.skills.perception.inspection.claim import Claim, ClaimSettings
-from foldcell.skills.perception.inspection.diagnosis import beyond_limits
+from foldcell.skills.perception.inspection.diagnosis import beyond_limits, edge_corner
 from foldcell.skills.perception.inspection.height_expectation import (
     CameraBias,
     Flatness,
@@ -272,7 +272,7 @@ def _overlap(seen: Inspection, target: TargetView, staying: float) -> Normal:
 
 def _apart(seen: Inspection) -> Normal:
     """Return the distance of the fold's farthest edge or key point, as its deviations suggest [m]."""
-    corner = 0.0 if seen.edge is None else float(np.fmax(seen.edge.corner, 0.0))
+    corner = float(np.fmax(edge_corner(seen), 0.0))  # 0 if it is unknown
     off = BY_OUTLINE * abs(seen.edge_deviation_m) + BY_CORNER * corner
     return Normal(USUALLY_APART + off, APART_SIGMA)
 

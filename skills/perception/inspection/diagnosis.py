@@ -115,7 +115,7 @@ def beyond_limits(seen: Inspection, settings: InspectionSettings) -> tuple[str, 
     """Describe the figures that are beyond their limits, one text each, for the operator."""
     outline_ok = outline_matches(seen, settings)
     behind = (np.nan, np.nan) if outline_ok else (_corner_lag(seen), _min_left_behind(seen))
-    edge = (np.nan, np.nan) if seen.edge is None else (_edge_corner(seen), seen.edge.sag)
+    edge = (np.nan, np.nan) if seen.edge is None else (edge_corner(seen), seen.edge.sag)
     limits = (np.nan, np.nan) if seen.edge is None else _edge_limits(seen.edge)
     lengths = (
         ("one corner lies {} behind the other", behind[0], MAX_LEFT_BEHIND),
@@ -156,14 +156,14 @@ def _moved_edge_defect(seen: Inspection) -> tuple[FailureKind, float] | None:
     if seen.edge is None:
         return None
     corner_limit, sag_limit = _edge_limits(seen.edge)
-    corner, sag = _edge_corner(seen) / corner_limit, seen.edge.sag / sag_limit
+    corner, sag = edge_corner(seen) / corner_limit, seen.edge.sag / sag_limit
     worst = float(np.fmax(corner, sag))
     if not worst > 1.0:  # also true if both are NaN, not visible
         return None
     return FailureKind.SAG if sag == worst else FailureKind.DROPPED_CORNER, _confidence(worst, 1.0)
 
 
-def _edge_corner(seen: Inspection) -> float:
+def edge_corner(seen: Inspection) -> float:
     """Lag of the worse corner of the moved edge [m]; NaN if it is unknown, or if only a short edge shows it."""
     if seen.edge is None or (seen.edge.noise > SHORT_NOISE and seen.missing_layer <= COVERED):
         return float("nan")

@@ -21,6 +21,7 @@ from foldcell.skills.perception.inspection.claiming import (
     claim_fold,
     displacement_of,
 )
+from foldcell.skills.perception.inspection.diagnosis import COVERED, SHORT_NOISE
 from foldcell.skills.perception.inspection.height_expectation import CameraBias, IdealHeights, Normal
 from foldcell.skills.perception.inspection.moved_edge import MovedEdge
 from foldcell.skills.perception.inspection.result import Inspection
@@ -230,6 +231,17 @@ def test_the_farther_off_the_folds_were_seen_the_less_sure_is_the_claim(
     claim = claimed(height=0.010, folds=SeenFolds((), ("sleeve",) * hidden, earlier))
     probable = claim.probable
     assert least < probable < most and claim.shape is (probable >= SURE)
+
+
+def test_a_corner_that_the_diagnosis_does_not_believe_does_not_count_in_the_claim_either() -> None:
+    """Recorded: the cuff of a T-shirt. Its edge is so short that its corner seemed to lie 76 mm behind, although
+    no target lacked height. Where one does, or on an edge of usual width, the corner counts."""
+    corner = _fold(2.2, 76.0)
+    assert corner.edge is not None
+    short = replace(corner, edge=replace(corner.edge, noise=SHORT_NOISE + 0.1), missing_layer=COVERED - 0.01)
+    folds = (short, corner, replace(short, missing_layer=COVERED + 0.01))
+    claims = [claimed(height=0.010, folds=SeenFolds((), (), (fold,))) for fold in folds]
+    assert [claim.shape for claim in claims] == [True, False, False]
 
 
 def test_the_camera_does_not_see_all_relief_and_the_more_there_is_the_less_is_known() -> None:
