@@ -16,7 +16,13 @@ from foldcell.cell.executive.effects.checked_motion import (
     with_waiting_time,
 )
 from foldcell.cell.executive.effects.recovery.freeing import leave_freely
-from foldcell.cell.executive.effects.recovery.parking import calibrated, let_go_and_park, open_hands, park
+from foldcell.cell.executive.effects.recovery.parking import (
+    calibrated,
+    let_go_and_park,
+    open_hands,
+    park,
+    recalibrate_parked,
+)
 from foldcell.cell.executive.effects.recovery.ways_out import CLEARING_DWELL_S, PREPARING_DWELLS_S, plan_rise
 from foldcell.cell.hardware.workcell import Workcell
 from foldcell.cell.states.recovery_table import transient
@@ -104,17 +110,23 @@ def approach(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
 
 @effect
 def retreat(cell: Workcell, context: RunContext) -> Result:
-    """Rise straight up from the released garment, free it if it clings to a finger, then park."""
+    """Rise straight up from the released garment, free it if it clings to a finger, then park. A gripper that has
+    misread the distance of its empty pads is calibrated, and what it measured of the layers is forgotten."""
     biases = context.fold.biases
     way = context.need(plan_rise(cell, tuple(biases)))
     control = replace(pausable(cell), stop_s=QUICK_STOP_S)
     left = leave_freely(cell, way, biases, _thinnest_layer(context), control)
     cell.hand_record.end()
     context = with_waiting_time(context, control)
-    felt, attempt = context.need(left), context.fold.attempt
-    if felt and attempt is not None:
+    leaving, attempt = context.need(left), context.fold.attempt
+    record: dict[str, object] = {"cloth_on_finger": leaving.felt} if leaving.felt else {}
+    if leaving.felt and attempt is not None:
         context = context.with_attempt(replace(attempt, interrupted=True))
-    return Result(Event.DONE, context, {"cloth_on_finger": felt} if felt else {})
+    if leaving.off_zero:
+        record["calibrated"] = [side.value for side in leaving.off_zero]
+        context.require(recalibrate_parked(cell, leaving.off_zero), record)
+        context = replace(context, fold=replace(context.fold, layer_thickness=None))
+    return Result(Event.DONE, context, record)
 
 
 def _thinnest_layer(context: RunContext) -> float:

@@ -43,10 +43,21 @@ and laid back lies within 1 mm of its place; after a lift by 50 mm it lies withi
 beside it, because it drags the towel along. An earlier crease may stand up between the pads: when they met 28 mm
 above the release, still rising, they took a layer of it along in 6 of 140 runs without a fault, and from 33 mm in
 2 of 17. At rest at this height they did so in none of 55."""
+OFF_ZERO = 0.001
+"""Empty pads that seem to meet further apart than this are read by a gripper that needs a calibration [m]."""
 WIDEST = RELEASE_OPENING + 0.005
 """A hand that is open wider than this has pressed a crease, which may stand up between its pads [m]."""
 WEIGHED = 0.03
 """The weight on the pads is measured in this last part of the rise, where the hands slow down [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Leaving:
+    """How the hands have left the garment. felt: figures for each time that cloth was felt. off_zero: hands whose
+    grippers misread the distance of their empty pads."""
+
+    felt: tuple[Mapping[str, object], ...]
+    off_zero: tuple[Side, ...]
 
 
 def leave_freely(
@@ -55,7 +66,7 @@ def leave_freely(
     biases: Mapping[Side, TactileBias],
     layer: float,
     control: PathControl,
-) -> Outcome[tuple[Mapping[str, object], ...]]:
+) -> Outcome[Leaving]:
     """Lead the hands up and to the parked posture, and check that no cloth stays on a finger. A little above the
     garment, the hands stop, close and open. Further up, the weight on the pads is measured. The check goes on
     while they move away, because light cloth on the outside of a finger is felt only when it drags the garment
@@ -65,12 +76,12 @@ def leave_freely(
     released. The caught hand closes and opens there, and both leave again.
 
     layer: smallest thickness of a layer between the pads [m].
-    Returns figures for each time that cloth was felt. Failures: STUCK_ON_FINGER after FREEING_TRIES, those of the
-    motions.
+    Failures: STUCK_ON_FINGER after FREEING_TRIES, those of the motions.
     """
     up, home = way.retreat, way.park
     felt: list[Mapping[str, object]] = []
-    failure = _rise(cell, up, biases, layer, control) or move(
+    met: dict[Side, float] = {}
+    failure = _rise(cell, up, biases, layer, control, met) or move(
         cell, home, control=control, watch=_dragging(cell, biases)
     )
     for _ in range(FREEING_TRIES):
@@ -84,10 +95,12 @@ def leave_freely(
         failure = (
             _lead(cell, Course(np.vstack([up.q, home.q])[::-1], FREEING_SPEED), control)
             or _close_and_open(cell, caught)
-            or _rise(cell, up, biases, layer, control)
+            or _rise(cell, up, biases, layer, control, met)
             or _lead(cell, Course(home.q, FREEING_SPEED, False, _dragging(cell, biases)), control)
         )
-    return Outcome(failure=failure) if failure else Outcome(tuple(felt))
+    if failure:
+        return Outcome(failure=failure)
+    return Outcome(Leaving(tuple(felt), tuple(side for side, apart in met.items() if apart > OFF_ZERO)))
 
 
 def _risen(cell: Workcell, up: ArmTrajectory, side: Side) -> float:
@@ -96,10 +109,15 @@ def _risen(cell: Workcell, up: ArmTrajectory, side: Side) -> float:
 
 
 def _rise(
-    cell: Workcell, up: ArmTrajectory, biases: Mapping[Side, TactileBias], layer: float, control: PathControl
+    cell: Workcell,
+    up: ArmTrajectory,
+    biases: Mapping[Side, TactileBias],
+    layer: float,
+    control: PathControl,
+    met: dict[Side, float],
 ) -> Failure | None:
     """Rise along the path of `up`. The hands stop at CHECKED, where they close and open. They are weighed at the
-    end."""
+    end. met: filled here with the distance at which the empty pads of each hand met [m]."""
     heights = {side: np.array([cell.hands.height(side, q) for q in up.q]) for side in biases}
     risen = {side: height - height[0] for side, height in heights.items()}
     closing = tuple(side for side in biases if risen[side][-1] >= CHECKED and _may_close(cell, side))
@@ -110,8 +128,9 @@ def _rise(
             return failure
         now = cell.ports.clock.now()
         checks = {side: EmptyCheck(cell.grasp, biases[side], layer, RELEASE_OPENING, now) for side in closing}
-        failure = each_hand(cell.loop, cell.hands, checks, partial(_check_empty, cell)).failure
-        failure = failure or still_closed(cell)
+        closed = each_hand(cell.loop, cell.hands, checks, partial(_check_empty, cell))
+        met |= closed.value or {}
+        failure = closed.failure or still_closed(cell)
         if failure:
             return failure
     weighing = _Weighing(

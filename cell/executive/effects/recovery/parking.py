@@ -39,20 +39,23 @@ def let_go_and_park(cell: Workcell, control: PathControl, opening_s: float = OPE
 
     A gripper that is in error or without calibration refuses commands until it is calibrated. A calibration closes
     the pads before it opens them. It is therefore made in the parked posture, and over the garment only if the
-    hand cannot be opened otherwise. If a gripper stays in error in the parked posture, the next grasp fails, but
-    parking does not.
+    hand cannot be opened otherwise.
     """
     refusing = _refusing(cell)
     open_hands(cell, tuple(side for side in Side if side not in refusing))
     failure = wait(cell.loop, opening_s, cell.hands.recording())
     if failure is None and any(_in_doubt(cell, side) for side in refusing):
-        failure = _recalibrate(cell)
+        failure = _recalibrate(cell, refusing)
     if failure is None and still_closed(cell) and any(g.state().moving for g in cell.ports.grippers.values()):
         failure = wait(cell.loop, SLOW_OPENING_S, cell.hands.recording())
     failure = failure or still_closed(cell) or park(cell, control)
-    if failure or not _refusing(cell):
-        return failure
-    failure = _recalibrate(cell)
+    return failure or recalibrate_parked(cell, _refusing(cell))
+
+
+def recalibrate_parked(cell: Workcell, sides: Collection[Side]) -> Failure | None:
+    """Calibrate grippers in the parked posture. If one stays in error, the next grasp fails, but parking does
+    not."""
+    failure = _recalibrate(cell, sides) if sides else None
     return None if failure and failure.kind is FailureKind.GRIPPER_FAULT else failure
 
 
@@ -68,9 +71,9 @@ def _in_doubt(cell: Workcell, side: Side) -> bool:
     return not state.calibrated or not state.opening >= LET_GO
 
 
-def _recalibrate(cell: Workcell) -> Failure | None:
-    """Calibrate the grippers that refuse commands and open them. One that stays in error keeps its opening."""
-    for side in _refusing(cell):
+def _recalibrate(cell: Workcell, sides: Collection[Side]) -> Failure | None:
+    """Calibrate grippers and open them. One that stays in error keeps its opening."""
+    for side in sides:
         cell.ports.grippers[side].calibrate()
         try:
             open_hands(cell, (side,))

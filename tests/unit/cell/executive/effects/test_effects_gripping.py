@@ -374,10 +374,31 @@ LAYER = 0.0008
 def test_empty_hands_close_and_open_again_on_their_way_up(monkeypatch: pytest.MonkeyPatch) -> None:
     """They close at rest: higher than a crease of an earlier fold, and no further than cloth may be lifted."""
     cell, workcell, up, commands = rising(monkeypatch, {})
-    assert freeing._rise(workcell, up, UNLOADED, LAYER, checked_motion.pausable(workcell)) is None
+    assert freeing._rise(workcell, up, UNLOADED, LAYER, checked_motion.pausable(workcell), {}) is None
     assert {side for side, _, _ in commands} == set(Side)
     assert all(0.033 < height < 0.038 for _, _, height in commands)
     assert cell.openings == dict.fromkeys(Side, parking.RELEASE_OPENING) and cell.q == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.003])
+def test_a_gripper_that_misreads_its_empty_pads_is_calibrated_and_its_layers_are_forgotten(
+    offset: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its offset was taken for thick fabric, of which the other hand later held too few layers."""
+    _, workcell, up, _ = rising(monkeypatch, {})
+    away: Any = SimpleNamespace(retreat=up, park=way(0.0))
+    monkeypatch.setattr(moving, "plan_rise", lambda *_: Outcome(away))
+    monkeypatch.setattr(freeing, "move", lambda *_, **__: None)
+    calibrated: list[Side] = []
+    for side, gripper in workcell.ports.grippers.items():
+        monkeypatch.setattr(gripper, "calibrate", lambda side=side: calibrated.append(side))
+    left = workcell.ports.grippers[Side.LEFT]
+    seen = left.state
+    monkeypatch.setattr(left, "state", lambda: replace(seen(), opening=seen().opening + offset))
+    result = moving.retreat(workcell, context_with(biases=UNLOADED, layer_thickness=0.002))
+    assert result.event is Event.DONE
+    assert calibrated == ([Side.LEFT] if offset else [])
+    assert result.context.fold.layer_thickness == (None if offset else 0.002)
 
 
 def test_a_hand_that_does_not_open_again_rises_no_further(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -391,7 +412,7 @@ def test_a_hand_that_does_not_open_again_rises_no_further(monkeypatch: pytest.Mo
             command(opening, force)
 
     monkeypatch.setattr(left, "command", jam)
-    failure = freeing._rise(workcell, up, UNLOADED, LAYER, checked_motion.pausable(workcell))
+    failure = freeing._rise(workcell, up, UNLOADED, LAYER, checked_motion.pausable(workcell), {})
     assert failure is not None and "left" in failure.what and cell.q.max() < 0.038
 
 
@@ -407,7 +428,7 @@ def test_a_stop_ends_the_closing_at_once(monkeypatch: pytest.MonkeyPatch) -> Non
             cell.at(cell.now + 0.015, lambda: workcell.ports.stop.trigger("button"))
 
     monkeypatch.setattr(left, "command", pressed)
-    failure = freeing._rise(workcell, up, UNLOADED, LAYER, checked_motion.pausable(workcell))
+    failure = freeing._rise(workcell, up, UNLOADED, LAYER, checked_motion.pausable(workcell), {})
     assert failure is not None and failure.kind is FailureKind.STOPPED
     assert {opening for _, opening, _ in commands} == {0.0} and cell.q.max() < 0.038
 
@@ -429,7 +450,7 @@ def test_the_other_hand_opens_before_the_hands_go_back_down(monkeypatch: pytest.
 @pytest.mark.parametrize("side", Side)
 def test_a_hand_that_closes_on_cloth_while_it_rises_keeps_it(side: Side, monkeypatch: pytest.MonkeyPatch) -> None:
     cell, workcell, up, commands = rising(monkeypatch, {side: 0.0008})
-    failure = freeing._rise(workcell, up, UNLOADED, LAYER, checked_motion.pausable(workcell))
+    failure = freeing._rise(workcell, up, UNLOADED, LAYER, checked_motion.pausable(workcell), {})
     assert failure is not None and failure.kind is FailureKind.STUCK_ON_FINGER
     assert failure.values["side"] == side.value and cell.q.max() < 0.038
     assert cell.openings[side] == 0.0008 and {opening for s, opening, _ in commands if s is side} == {0.0}
@@ -469,7 +490,7 @@ def test_hands_are_weighed_above_the_garment(height: float, monkeypatch: pytest.
             return 0.5 if cell.q.max() < height else 0.0
 
     cell.pads = Touching(cell.pads)
-    failure = freeing._rise(workcell, way(0.1), UNLOADED, LAYER, checked_motion.pausable(workcell))
+    failure = freeing._rise(workcell, way(0.1), UNLOADED, LAYER, checked_motion.pausable(workcell), {})
     assert (failure is None) == (height < 0.1)
 
 
@@ -481,7 +502,7 @@ def test_only_a_hand_that_rises_and_obeys_closes(monkeypatch: pytest.MonkeyPatch
         raise DriverError(FailureKind.GRIPPER_FAULT, "it reports an error")
 
     monkeypatch.setattr(workcell.ports.grippers[Side.LEFT], "command", refuse)
-    assert freeing._rise(workcell, up, UNLOADED, LAYER, checked_motion.pausable(workcell)) is None
+    assert freeing._rise(workcell, up, UNLOADED, LAYER, checked_motion.pausable(workcell), {}) is None
     assert not commands and cell.openings == dict.fromkeys(Side, 0.02)
 
 
@@ -493,14 +514,14 @@ def test_a_hand_that_is_in_error_or_not_calibrated_gets_no_command_while_it_rise
     left = workcell.ports.grippers[Side.LEFT]
     seen = left.state
     monkeypatch.setattr(left, "state", lambda: replace(seen(), **state))  # type: ignore[arg-type]
-    assert freeing._rise(workcell, up, UNLOADED, LAYER, checked_motion.pausable(workcell)) is None
+    assert freeing._rise(workcell, up, UNLOADED, LAYER, checked_motion.pausable(workcell), {}) is None
     assert {side for side, _, _ in commands} == {Side.RIGHT}
 
 
 def test_hands_that_have_pressed_a_crease_do_not_close_on_it(monkeypatch: pytest.MonkeyPatch) -> None:
     cell, workcell, up, commands = rising(monkeypatch, {})
     cell.openings = dict.fromkeys(Side, pressing.OPENING)
-    assert freeing._rise(workcell, up, UNLOADED, LAYER, checked_motion.pausable(workcell)) is None
+    assert freeing._rise(workcell, up, UNLOADED, LAYER, checked_motion.pausable(workcell), {}) is None
     assert not commands
 
 
@@ -519,7 +540,7 @@ def test_a_hand_that_closed_and_does_not_open_may_hold_cloth(
     control = checked_motion.pausable(workcell)
     if kind is FailureKind.STOPPED:
         with pytest.raises(DriverError):
-            freeing._rise(workcell, up, UNLOADED, LAYER, control)
+            freeing._rise(workcell, up, UNLOADED, LAYER, control, {})
         return
-    failure = freeing._rise(workcell, up, UNLOADED, LAYER, control)
+    failure = freeing._rise(workcell, up, UNLOADED, LAYER, control, {})
     assert failure is not None and "may hold the garment" in failure.what
