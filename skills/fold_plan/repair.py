@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
+from numpy.typing import NDArray
 
 from foldcell.skills.cloth.mesh import ClothMesh
 from foldcell.skills.cloth.pinch import Patch
@@ -55,6 +56,10 @@ which the grasped cloth has moved, limited to this range [m]. Cloth that stayed 
 cloth is as far from the grasp as the grasped cloth has moved."""
 
 
+STAYED, LEFT_BEHIND = 0.010, 0.2
+"""Cloth has stayed if it moved by less than this [m]. If at least this share of the cloth near a grasp has stayed,
+and as much has moved, only the upper layers have moved."""
+
 INWARD, CLOSER = 0.030, 0.25
 """Other places at which the hands may hold the moved cloth: further from its edge [m], or nearer to each other, as
 a share of their distance."""
@@ -97,15 +102,20 @@ def plan_repair(
     stated: the one with which the step was planned, if another. Only the hands whose cloth is MISPLACED take part.
 
     Fails with HALF_FOLDED if the cloth of no grasp is misplaced, or if misplaced cloth lies under other cloth or
-    is rumpled.
+    is rumpled. If only the upper layers of a grasp have moved, they can be laid back, but not carried on.
     """
     grasps: dict[GraspId, Grasp] = {}
     targets: dict[GraspId, Array] = {}
     headings: dict[GraspId, tuple[float, float]] = {}
     patches: dict[GraspId, Patch] = {}
     for grasp_id, grasp in step.grasps.items():
-        place, heading, smooth = locate_grasp(before, now, grasp)
+        moved, layers = _moved_layers(before, now, grasp)
+        if goal is RepairGoal.COMPLETE and layers < grasp.layers:
+            return Outcome(failure=_impossible(goal, step, "only its upper layers have moved"))
+        place, heading, smooth = locate_grasp(before[moved], now[moved], grasp)
         target = _target(goal, step, grasp_id, thickness, stated or thickness)
+        target = frozen(target + np.array([0.0, 0.0, (grasp.layers - layers) * thickness]))
+        grasp = replace(grasp, layers=layers)
         if float(np.linalg.norm(place[:2] - target[:2])) < MISPLACED[goal]:
             continue
         top = float(place[2]) + 0.5 * grasp.layers * thickness
@@ -161,6 +171,18 @@ def _target(goal: RepairGoal, step: FoldStep, grasp_id: GraspId, thickness: floa
     grasp = step.grasps[grasp_id]
     below = max(grasp.height / stated - grasp.layers, 0.0) * thickness
     return frozen(np.append(grasp.point, below + RELEASE_CLEARANCE))
+
+
+def _moved_layers(before: Array, now: Array, grasp: Grasp) -> tuple[NDArray[np.bool_], int]:
+    """Return which vertices (n,) tell where the grasped cloth has gone, and how many of the grasped layers went
+    there: only the upper ones, if others have stayed. before, now: (n, 3) vertices [m]."""
+    near = np.linalg.norm(before[:, :2] - grasp.point, axis=1) < OWN[1]
+    went = np.linalg.norm(now - before, axis=1)
+    stayed = went < STAYED
+    share = float(stayed[near].mean()) if near.any() else 0.0
+    if grasp.layers == 1 or min(share, 1.0 - share) < LEFT_BEHIND:
+        return np.ones(len(before), dtype=bool), grasp.layers
+    return ~stayed, int(np.clip(round(grasp.layers * (1.0 - share)), 1, grasp.layers - 1))
 
 
 def locate_grasp(before: Array, now: Array, grasp: Grasp) -> tuple[Array, float, float]:

@@ -25,7 +25,8 @@ class Interruption:
     lost: share at which a hand loses its cloth, for each hand that loses it. end: share at which the remaining
     hands open. laid_back: from `end`, the remaining hands first return to the grasps along the same way, and open
     there. missed_layer: the hands hold one layer less than planned. measured: the hands moved and lost their cloth
-    as their sensors measured it; nothing else is assumed.
+    as their sensors measured it; nothing else is assumed. turned: grasp at which a corner of the upper layers lies
+    turned back, without more of the fold.
     """
 
     lost: Mapping[GraspId, float] = field(default_factory=dict)
@@ -33,11 +34,13 @@ class Interruption:
     laid_back: bool = False
     missed_layer: bool = False
     measured: bool = False
+    turned: GraspId | None = None
 
     @property
     def begins(self) -> float:
         """Share of the way at which the motion first differs from the planned fold."""
-        return 0.0 if self.missed_layer or self.measured else min([self.end, *self.lost.values()])
+        unmoved = self.missed_layer or self.measured or self.turned is not None
+        return 0.0 if unmoved else min([self.end, *self.lost.values()])
 
 
 @dataclass(frozen=True, eq=False)

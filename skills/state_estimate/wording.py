@@ -33,6 +33,8 @@ def _state(estimate: StateEstimate, names: Mapping[GraspId, str]) -> str:
     if estimate.state is FoldState.AFTER:
         return f"the fold is made{_moved(best)}"
     how = best.hypothesis.interruption
+    if how is not None and how.turned is not None:
+        return f"the upper layers lie turned back at the {names[how.turned]} grasp{_moved(best)}"
     return "the fold is half made" + (f": {_cause(how, names)}" if how else "") + _moved(best)
 
 

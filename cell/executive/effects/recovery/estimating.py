@@ -23,6 +23,7 @@ from foldcell.skills.state_estimate.hand_course import HandCourse, held_until, w
 from foldcell.skills.state_estimate.hypothesis import FoldState, Interruption
 from foldcell.skills.state_estimate.interrupted_fold import simulate_interruptions
 from foldcell.skills.state_estimate.observation import Observation, observe
+from foldcell.skills.state_estimate.turned_corner import with_turned_corner
 from foldcell.skills.state_estimate.wording import describe
 from foldcell.skills.vocabulary import GraspId, Outcome, PredictedShape
 
@@ -111,7 +112,8 @@ def _estimated(
             priors,
             measured=course is not None,
         )
-        return Outcome((seen.unwrap(), found))
+        thickness = plan.garment.material.thickness
+        return Outcome((seen.unwrap(), with_turned_corner(found, seen.unwrap(), attempt.step.grasps, thickness)))
 
     def cost(outcome: Outcome[tuple[Observation, StateEstimate]]) -> float:
         simulations = outcome.value[1].simulations if outcome.value else 0

@@ -11,7 +11,7 @@ from foldcell.robots.errors import FailureKind
 from foldcell.robots.ports import Array, frozen
 from foldcell.skills.cloth.mesh import ClothMesh, mesh_from_contour
 from foldcell.skills.cloth.pinch import PadGeometry, find_pinched
-from foldcell.skills.fold_plan.plan import translate_plan
+from foldcell.skills.fold_plan.plan import RELEASE_CLEARANCE, translate_plan
 from foldcell.skills.fold_plan.repair import MISPLACED, RepairGoal, locate_grasp, plan_repair
 from foldcell.skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId, tool_rotation
 
@@ -186,3 +186,29 @@ def test_only_the_corner_that_is_short_of_its_target_is_pulled_there() -> None:
     assert set(plan.step.grasps) == {GraspId.LEFT} == set(plan.headings)
     made = plan_repair(RepairGoal.COMPLETE, mesh, flat, folded_at(0.6, flat), step(), THICKNESS)
     assert made.failure is not None and "cannot be completed" in made.failure.what
+
+
+def test_upper_layers_that_lie_turned_back_are_laid_back_and_not_carried_on() -> None:
+    """Two sheets lie on each other; a corner of the upper one lies turned back on it."""
+    lower, flat = sheet()
+    mesh = replace(
+        lower,
+        rest=frozen(np.vstack([lower.rest, lower.rest])),
+        triangles=frozen(np.vstack([lower.triangles, lower.triangles + len(flat)])),
+    )
+    before = np.vstack([flat, flat + np.array([0.0, 0.0, THICKNESS])])
+    crease = FoldLine(np.array([0.69, 0.15]), np.array([0.6, -0.8]))
+    turned = (crease.signed_distance(before[:, :2]) > 0.0) & (before[:, 2] > THICKNESS)
+    now = before.copy()
+    now[turned, :2] = crease.reflect(before[turned, :2])
+    now[turned, 2] += THICKNESS
+    grasps = {i: replace(g, layers=2, height=2 * THICKNESS) for i, g in step().grasps.items()}
+    fold = replace(step(), grasps=grasps)
+    undo = plan_repair(RepairGoal.UNDO, mesh, before, now, fold, THICKNESS).unwrap()
+    assert set(undo.step.grasps) == {GraspId.LEFT}, "the other corner lies in its place"
+    grasp, target = undo.step.grasps[GraspId.LEFT], undo.step.targets[GraspId.LEFT]
+    assert grasp.point == pytest.approx(crease.reflect(step().grasps[GraspId.LEFT].point), abs=0.003)
+    assert grasp.layers == 1 and grasp.height == pytest.approx(3 * THICKNESS)
+    assert target == pytest.approx([*step().grasps[GraspId.LEFT].point, THICKNESS + RELEASE_CLEARANCE])
+    on = plan_repair(RepairGoal.COMPLETE, mesh, before, now, fold, THICKNESS)
+    assert on.failure is not None and "only its upper layers have moved" in on.failure.what
