@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,6 +60,7 @@ class TargetView:
     about: Array
     drift: Array
     drift_rad: float
+    side: float
     observed: StackHeights
     predicted: StackHeights
     flat: StackHeights
@@ -102,6 +104,7 @@ def view_target(
         about=frozen(about),
         drift=frozen(R @ about + t - about),
         drift_rad=float(np.arctan2(R[1, 0], R[0, 0])),
+        side=view.pixel * math.sqrt(np.count_nonzero(np.isfinite(flat))),
         observed=heights(height, mask, creases @ R.T + t),
         predicted=heights(expected, np.isfinite(expected), creases),
         flat=heights(flat, np.isfinite(flat), creases),

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from foldcell.robots.ports import Array
 from foldcell.skills.perception.registration.energy import Boundary, closest_segments
 from foldcell.skills.plane import rotation
+
+NEAR = 0.030
+"""`edge_deviation` [m]: twice the distance between the vertices of a predicted mesh."""
 
 
 def align(outline: Array, observed: Array, iterations: int = 20) -> tuple[Array, Array]:
@@ -42,11 +46,12 @@ def align(outline: Array, observed: Array, iterations: int = 20) -> tuple[Array,
     return R, t
 
 
-def edge_deviation(outline: Array, observed: Array) -> tuple[float, Array]:
+def edge_deviation(outline: Array, observed: Array, near: Array | None = None) -> tuple[float, Array]:
     """Return the largest deviation between the two boundaries [m] and its place (2,) [m].
 
     It is positive if the observed boundary lies outside the outline. A deviation counts only as far as 3 cm of
-    boundary deviate by at least that much, to the same side.
+    boundary deviate by at least that much, to the same side, and only within `NEAR` of the places `near` (k, 2)
+    [m], if they are given.
     """
     observed_boundary, outline_boundary = Boundary(observed, 0.003, 0.005), Boundary(outline, 0.003, 0.005)
     candidates = []
@@ -55,6 +60,8 @@ def edge_deviation(outline: Array, observed: Array) -> tuple[float, Array]:
         (outline_boundary.samples, observed_boundary, -1.0),
     ):
         distance, _ = other.distance(samples)
+        if near is not None:
+            distance[cKDTree(near).query(samples)[0] > NEAR] = 0.0
         window = np.lib.stride_tricks.sliding_window_view(np.r_[distance, distance[:5]], 6)
         persistent = np.where((window > 0).all(axis=1), window.min(axis=1), 0.0)
         persistent = np.where((window < 0).all(axis=1), window.max(axis=1), persistent)

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from foldcell.skills.perception.inspection.claim import Claim, claim_to_dict
 from foldcell.skills.perception.inspection.claiming import (
     SURE,
+    SURE_AFTER,
     Displacement,
     Layers,
     SeenFolds,
@@ -37,17 +38,19 @@ IDEAL = IdealHeights(C, 0.002 + C, 0.010 + C, C)
 """A fabric of 15 mm has an ideal height of 17 mm, 25 mm near the creases."""
 STATED = 0.001
 STILL = Displacement(0.0, 0.0)
+SIDE, SMALL = 0.245, 0.177
+"""Sides of squares as large as a folded medium and a folded small towel [m]."""
 
 
 def claimed(height: float = 0.015, crease: float = 0.025, **changes: Any) -> Claim:
     """The claim about a fold of these true heights [m], seen too high by BIAS."""
     given: dict[str, Any] = {
-        "iou": 0.97, "aligned": 0.97, "moved": STILL, "diagnosis": None, "first_crease": None,
+        "iou": 0.97, "aligned": 0.97, "moved": STILL, "diagnosis": None, "first_crease": None, "side": SIDE,
         "bias": CameraBias(BIAS, 0.0, True), "folds": SeenFolds(), "thickness": STATED, "relief": 0.0,
     } | changes  # fmt: skip
     seen = StackHeights(height + BIAS, crease + BIAS, given["relief"])
     flat = StackHeights(0.0035, 0.0035)
-    target = TargetView(given["iou"], np.zeros(2), np.zeros(2), 0.0, seen, seen, flat)
+    target = TargetView(given["iou"], np.zeros(2), np.zeros(2), 0.0, given["side"], seen, seen, flat)
     view = inspection(diagnosis=given["diagnosis"], target=target, piled_area_m2=0.0, iou_aligned=given["aligned"])
     crease = given["first_crease"]
     first = None if crease is None else replace(target, observed=StackHeights(np.nan, crease))
@@ -97,14 +100,14 @@ def test_the_claim_that_a_fold_is_far_too_high_is_reliable() -> None:
     assert claimed(height=0.031).reliability > 0.9
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [({"aligned": 0.920}, "good with a probability of 0."), ({"height": 0.0183}, "flat with a probability of 0.")],
-)
-def test_after_a_disturbance_a_claim_has_to_be_surer(changes: dict[str, Any], words: str) -> None:
-    usual, after = (claimed(**changes, folds=SeenFolds(disturbed=disturbed)) for disturbed in (False, True))
-    assert usual.holds and 2 / 3 < usual.reliability < 0.9
-    assert not after.holds and words in after.says and claimed(folds=SeenFolds(disturbed=True)).holds
+def test_after_a_disturbance_the_shape_has_to_be_surer_but_not_the_height() -> None:
+    """Layers may have moved under others. Heights are seen as well as before."""
+    after = SeenFolds(disturbed=True)
+    usual, doubted = claimed(aligned=0.917), claimed(aligned=0.917, folds=after)
+    assert usual.holds and 2 / 3 < usual.reliability < SURE_AFTER
+    assert not doubted.holds and "good with a probability of 0." in doubted.says and claimed(folds=after).holds
+    high = claimed(height=0.0183, folds=after)
+    assert high.holds and 2 / 3 < high.probable_flat < SURE_AFTER
 
 
 @pytest.mark.parametrize(
@@ -174,7 +177,7 @@ def test_a_fold_near_a_limit_is_claimed_only_if_it_is_probably_good() -> None:
     assert all(c.flat == (c.probable_flat >= SURE) for c in claims if not c.too_high)
     doubtful = next(c for c in claims if not c.flat)
     assert not doubtful.too_high and "flat with a probability of 0.6" in doubtful.says
-    near = [claimed(aligned=aligned) for aligned in (0.911, 0.918)]
+    near = [claimed(aligned=aligned) for aligned in (0.908, 0.916)]
     assert [c.shape for c in near] == [False, True] and "good with a probability of 0.5" in near[0].says
 
 
@@ -182,26 +185,41 @@ def test_layers_that_were_disturbed_and_are_hidden_since_count_as_unknown() -> N
     seen, once, twice = (claimed(folds=SeenFolds(hidden=h)) for h in ((), ("half",), ("half", "quarter")))
     assert once.reliability == pytest.approx(0.95 * seen.reliability) and once.holds
     assert twice.reliability == pytest.approx(0.95**2 * seen.reliability)
-    sure, doubt = (claimed(aligned=0.9150, folds=SeenFolds(hidden=h)) for h in ((), ("half",)))
+    sure, doubt = (claimed(aligned=0.9139, folds=SeenFolds(hidden=h)) for h in ((), ("half",)))
     assert sure.holds and not doubt.holds, "one more doubt refutes a claim near its limit"
 
 
 @pytest.mark.parametrize(
-    ("aligned", "crease_mm", "least", "most"),
-    [  # recorded: three small towels whose true overlap is 0.86, 0.89 and 0.92, and a good medium towel
-        (0.9158, 52.3, 0.0, 0.05),
-        (0.9350, 39.7, 0.5, 0.8),
-        (0.9495, 37.4, 0.9, 1.0),
-        (0.9750, 30.0, 0.99, 1.0),
+    ("side", "aligned", "crease_mm", "least", "most"),
+    [  # recorded: small towels whose true overlap is 0.86, 0.89, 0.92, 0.89, 0.90 and 0.96, a good medium towel
+        (SMALL, 0.9158, 52.3, 0.0, 0.05),
+        (SMALL, 0.9350, 39.7, 0.3, 0.6),
+        (SMALL, 0.9495, 37.4, 0.65, 0.9),
+        (SMALL, 0.9495, 43.3, 0.4, 0.65),
+        (SMALL, 0.9601, 41.9, 0.7, 0.84),
+        (SMALL, 0.9680, 32.0, 0.95, 1.0),
+        (SIDE, 0.9750, 30.0, 0.99, 1.0),
     ],
 )
 def test_an_overlap_that_a_high_crease_hides_is_doubted(
-    aligned: float, crease_mm: float, least: float, most: float
+    side: float, aligned: float, crease_mm: float, least: float, most: float
 ) -> None:
-    """The silhouettes overlap by 0.93 to 0.98 in all four, more than the 0.90 that are asked for."""
-    claim = claimed(0.010, 1e-3 * crease_mm - BIAS, aligned=aligned, iou=0.93, first_crease=0.045 + BIAS)
+    """The silhouettes overlap by 0.93 to 0.98 in all of them, more than the 0.90 that are asked for."""
+    claim = claimed(
+        0.010, 1e-3 * crease_mm - BIAS, aligned=aligned, iou=0.93, first_crease=0.045 + BIAS, side=side
+    )
     probable = claim.probable / claim.probable_flat
     assert least <= probable <= most and claim.shape is (probable >= SURE)
+
+
+def test_the_same_crease_takes_more_of_a_smaller_garment_and_its_overlap_is_known_less() -> None:
+    """A strip that is half as wide as another one is the same share of a garment of half the side."""
+    crease = {"height": 0.010, "first_crease": 0.045 + BIAS, "iou": 0.93}
+    large, small, same = (
+        claimed(crease=c, aligned=0.95, side=side, **crease) for c, side in ((0.04, 0.4), (0.04, 0.2), (0.02, 0.2))
+    )
+    shapes = [claim.probable / claim.probable_flat for claim in (large, small, same)]
+    assert shapes[0] > 0.98 and shapes[1] < 0.82 and shapes[0] > shapes[2] > 0.9
 
 
 def _fold(outline_mm: float, corner_mm: float) -> Inspection:
@@ -253,7 +271,7 @@ def test_the_camera_does_not_see_all_relief_and_the_more_there_is_the_less_is_kn
 
 def test_pressing_is_predicted_to_free_the_cloth_that_a_high_crease_has_drawn_in() -> None:
     """Recorded: a small towel with a true overlap of 0.93 after its crease of 57 mm was pressed."""
-    doubted = claimed(0.010, 0.057 - BIAS, aligned=0.931, iou=0.93, first_crease=0.050 + BIAS)
+    doubted = claimed(0.010, 0.057 - BIAS, aligned=0.931, iou=0.93, first_crease=0.050 + BIAS, side=SMALL)
     assert not doubted.shape and "good with a probability of 0.0" in doubted.says
     assert doubted.probable < 0.05 and max(doubted.probable_pressed) > SURE
     assert claimed(diagnosis=FailureKind.SAG).probable_pressed == (), "pressing mends no sagging edge"
@@ -278,6 +296,6 @@ def test_displacements_before_and_after_the_last_plan_add_up(dx: float, dy: floa
     R = rotation(turn)
     about = R @ start + t
     seen = StackHeights(0.0, 0.0)
-    found = displacement_of(TargetView(1.0, about, np.array([dx, dy]), a, seen, seen, seen), R, t)
+    found = displacement_of(TargetView(1.0, about, np.array([dx, dy]), a, SIDE, seen, seen, seen), R, t)
     assert found.drift_m == pytest.approx(float(np.linalg.norm(about + np.array([dx, dy]) - start)))
     assert found.drift_rad == pytest.approx(abs(turn + a))

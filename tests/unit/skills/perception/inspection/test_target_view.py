@@ -70,6 +70,7 @@ def test_the_target_is_found_where_the_garment_drifted_to(dx: float, dy: float, 
     assert found.iou > 0.94
     np.testing.assert_allclose(found.drift, (dx, dy), atol=0.003)
     assert found.drift_rad == pytest.approx(turn, abs=0.02)
+    assert found.side**2 == pytest.approx(0.2 * 0.3, rel=0.03)
     assert found.observed.height_m == pytest.approx(0.012, abs=5e-4)
     assert found.observed.crease_height_m == pytest.approx(0.020, abs=1e-3)
     assert found.predicted.crease_height_m == pytest.approx(0.020, abs=1e-3)

@@ -104,6 +104,16 @@ def test_the_larger_of_two_deviations_is_returned() -> None:
         assert deviation == pytest.approx(large, abs=0.003) and place[1] > 0.15
 
 
+def test_only_deviations_near_given_places_count() -> None:
+    """The edge at y = 0.2 is 3 cm off, the opposite one 1 cm."""
+    seen = with_step(0.55, 0.65, 0.03)
+    seen[seen[:, 1] < 0.0, 1] -= 0.01
+    everywhere, opposite, nowhere = (
+        edge_deviation(SQUARE, seen, near)[0] for near in np.array([[[0.6, 0.2]], [[0.6, -0.2]], [[0.6, 0.0]]])
+    )
+    assert (everywhere, opposite, nowhere) == pytest.approx((0.03, 0.01, 0.0), abs=0.003)
+
+
 @pytest.mark.parametrize("out", [-0.03, 0.03])
 def test_a_thread_or_a_slit_is_no_deviation(out: float) -> None:
     """A deviation over less than 3 cm of edge does not count. A thread that is 8 mm wide, with sides of 3 cm, has
