@@ -138,13 +138,14 @@ def _estimated(
 def judged_as_before(
     before: Inspection, after: Inspection, step: FoldStep, settings: InspectionSettings
 ) -> Inspection:
-    """Return the inspection after pressing, with a corrected diagnosis. If the outline was good before pressing
-    and pressing did not displace it, the diagnosis uses the outline's deviation before pressing, because a pressed
-    crease reaches further out than the predicted crease, which is not pressed. A moved edge that lay in its place
-    before pressing still does."""
+    """Return the inspection after pressing, with a corrected diagnosis and overlap. If the outline was good before
+    pressing and pressing did not displace it, the diagnosis uses the outline's deviation before pressing, and the
+    overlap with the prediction is no smaller than before, because a pressed crease reaches further out than the
+    predicted crease, which is not pressed. A moved edge that lay in its place before pressing still does."""
     displaced, _ = edge_deviation(before.contour, after.contour)
     if not outline_matches(before, settings) or abs(displaced) >= DISPLACED:
         return after
+    after = replace(after, iou_aligned=max(before.iou_aligned, after.iou_aligned))
     still = replace(after, edge_deviation_m=before.edge_deviation_m)
     kind, confidence = diagnose(still, step, settings)
     if kind in {FailureKind.SAG, FailureKind.DROPPED_CORNER} and before.edge is not None:
