@@ -183,7 +183,7 @@ class ClothSimulation:
         s.quiet[:], s.kept[:] = 0, 0
         s.awake[:], s.expired[:], s.wa[:] = self._body.w > 0.0, True, self._body.w
         s.turned[:], s.moving[:] = False, False
-        s.press[:], s.still[:] = 0.0, False
+        s.press[:], s.still[:], s.pull[:] = 0.0, False, 0.0
         s.counts[:] = 0
         free = np.flatnonzero(s.awake)
         s.awake_list[: len(free)] = free

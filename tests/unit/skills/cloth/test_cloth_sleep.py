@@ -42,6 +42,32 @@ def test_awake_vertices_are_not_affected_by_sleeping_ones(at_rest, axis):
     assert moved[~asleep].max() < 0.1
 
 
+@pytest.mark.parametrize("sleep_frames", [10, 0])
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_a_towel_is_dragged_by_no_more_than_its_friction(way, sleep_frames):
+    """A hand drags a flat towel by its edge. Closed form: static friction times weight, 0.57 N. When sleeping
+    vertices held any pull, it was 0.68 N."""
+    mesh, material = towel_mesh(425)
+    flat, settings = mesh.lay_flat(material.thickness), SolverSettings(sleep_frames=sleep_frames)
+    s = ClothSimulation(mesh, material, flat, settings)
+    s.advance(30)
+    assert s.asleep.all() == (sleep_frames > 0)
+    start = s.positions
+    place = np.array([start[:, 0].max() - 0.005, start[:, 1].mean(), 0.001])
+    closed = np.diag([1.0, -1.0, -1.0])
+    s.grip(0, place, closed, 15.0)
+    way_m, frames, forces = 0.03 * way, 36, []
+    for k in range(frames):
+        hands = np.zeros((2, 2, 3))
+        hands[:, 0], hands[:, 1] = place, s._tool_p[1]
+        hands[:, 0, 0] += way_m * np.array([k, k + 1]) / frames
+        s.advance_along(hands, np.broadcast_to(np.array([closed, s._tool_r[1]]), (2, 2, 3, 3)).copy())
+        forces.append(np.linalg.norm(s.pinch_force(0)[:2]))
+    friction = material.friction_static * material.areal_mass * mesh.vertex_area.sum() * 9.81
+    assert 0.94 * friction < max(forces) < 1.04 * friction
+    assert np.linalg.norm(s.positions - start, axis=1).max() < 0.05
+
+
 @pytest.mark.parametrize("start", range(4))
 @pytest.mark.parametrize("garment", ["large_towel", "long_sleeve_shirt_small"])
 def test_a_fold_is_at_rest_a_second_after_its_release(garment, start):
