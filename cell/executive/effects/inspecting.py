@@ -204,8 +204,8 @@ def find_folded(cell: Workcell, context: RunContext, plan: Plan, frame: CameraFr
 
 def _seen_anew(cell: Workcell, context: RunContext, frame: CameraFrame) -> Outcome[RunContext]:
     """Return the context with what the picture shows of the last fold, because the garment was disturbed since its
-    inspection. It may lie anywhere, so its drift does not count. What later folds hide of the folds before it is
-    not known any more."""
+    inspection. It may lie anywhere, so neither its drift nor its angle counts. What later folds hide of the folds
+    before it is not known any more."""
     last = context.done[-1] if context.done else None
     if last is None or last.inspected is None:
         return Outcome(context)
@@ -213,8 +213,8 @@ def _seen_anew(cell: Workcell, context: RunContext, frame: CameraFrame) -> Outco
     outcome = _compare(cell, context, frame, attempt.predicted, attempt.step, attempt.before)
     if outcome.failure:
         return Outcome(failure=outcome.failure)
-    seen = replace(outcome.unwrap(), drift_m=0.0, drift_rad=0.0, target=known.target)
-    kind, confidence = diagnose(seen, attempt.step, cell.inspection)
+    seen = replace(outcome.unwrap(), drift_m=0.0, target=known.target)
+    kind, confidence = diagnose(replace(seen, drift_rad=0.0), attempt.step, cell.inspection)
     seen = replace(seen, diagnosis=kind, confidence=confidence)
     done = (*(replace(note, hidden=True) for note in context.done[:-1]), replace(last, anew=seen))
     return Outcome(replace(context, done=done))

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+import foldcell.cell.executive.effects.claiming as claiming
 import foldcell.cell.executive.effects.inspecting as inspecting
 from foldcell.cell.executive.effects import EFFECTS
 from foldcell.cell.executive.effects.inspecting import figures, next_step
@@ -26,6 +27,7 @@ from foldcell.skills.perception.inspection.height_expectation import CameraBias
 from foldcell.skills.perception.inspection.result import Inspection
 from foldcell.skills.perception.inspection.target_view import StackHeights, TargetView
 from foldcell.skills.perception.rectification.table_view import TableView
+from foldcell.skills.plane import rotation
 from foldcell.skills.state_estimate.hypothesis import FoldState
 from foldcell.skills.vocabulary import FoldLine, FoldStep, GarmentState, Outcome, PredictedShape
 from tests.builders.contexts import context_with
@@ -364,6 +366,15 @@ def outline_off(near: float, far: float) -> Inspection:
     return replace(seen(view=VIEW, predicted=predicted > 0), contour=square + ends)
 
 
+def laid_over_the_near_end(attempt: Any) -> None:
+    """Give an attempt a fold that has laid cloth over the near end of the garment of `outline_off`."""
+    strip = np.array([[x, y] for x in (0.36, 0.39) for y in np.arange(-0.15, 0.16, 0.02)])
+    attempt.step = replace(STEPS[0], line=FoldLine(np.array([0.4, 0.0]), np.array([0.0, 1.0])))
+    assert (attempt.step.line.signed_distance(strip) > 0.0).all()
+    laid = np.column_stack([attempt.step.line.reflect(strip), np.full(len(strip), 0.003)])
+    attempt.predicted = PredictedShape(laid, TRIANGLE, strip)
+
+
 @pytest.mark.parametrize(
     ("before", "near", "far", "claimed"),
     [
@@ -382,16 +393,30 @@ def test_a_fold_whose_layers_a_disturbance_has_distorted_is_not_claimed(
     look(monkeypatch, seen(target=as_seen(0.011)))
     context = last_fold()
     attempt: Any = context.done[0].attempt
-    strip = np.array([[x, y] for x in (0.36, 0.39) for y in np.arange(-0.15, 0.16, 0.02)])
-    attempt.step = replace(STEPS[0], line=FoldLine(np.array([0.4, 0.0]), np.array([0.0, 1.0])))
-    assert (attempt.step.line.signed_distance(strip) > 0.0).all()
-    laid = np.column_stack([attempt.step.line.reflect(strip), np.full(len(strip), 0.003)])
-    attempt.predicted = PredictedShape(laid, TRIANGLE, strip)
+    laid_over_the_near_end(attempt)
     attempt.inspection = outline_off(before, 0.002)
     context.done[0].anew = outline_off(near, far)
     claim = inspect_fold(fake_workcell(FakeCell()), context).context.claim()
     assert claim is not None and claim.holds is claimed
     assert claimed or "half was not found good" in claim.says
+
+
+def test_a_garment_that_was_turned_as_a_whole_is_not_distorted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Somebody has turned it by 12 degrees, more than a fold may turn it (10), and shifted it."""
+    turn, shift, about = np.deg2rad(12.0), np.array([0.03, -0.02]), np.array([0.6, 0.0])
+    before = outline_off(0.002, 0.002)
+    turned = (before.contour - about) @ rotation(turn).T + about + shift
+    look(
+        monkeypatch, replace(before, contour=turned, drift=shift, drift_about=about, drift_m=0.036, drift_rad=turn)
+    )
+    attempt: Any = SimpleNamespace(before=None, claim=None, pressed=(), inspection=before, disturbed=False)
+    laid_over_the_near_end(attempt)
+    context = context_with(last_fold(), done=(FoldNote(attempt, 1),), disturbed=True)
+    assert context.plan is not None and context.sight.frame is not None
+    found = inspecting.find_folded(fake_workcell(FakeCell()), context, context.plan, context.sight.frame).context
+    (note,) = found.done
+    assert note.anew is not None and note.accepted, "neither its drift nor its angle counts"
+    assert claiming._more_off(note) == pytest.approx(0.0, abs=0.001)
 
 
 def test_a_claim_knows_which_folds_are_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
