@@ -20,7 +20,7 @@ from foldcell.cell.executive.effects.recovery.ways_out import FREEING, FREEING_T
 from foldcell.cell.hardware.workcell import Workcell
 from foldcell.robots.errors import DriverError, Failure, FailureKind
 from foldcell.robots.ports import ArmTrajectory, Side
-from foldcell.skills.grasping.empty_hand import EmptyCheck, check_empty
+from foldcell.skills.grasping.empty_hand import MET, EmptyCheck, check_empty
 from foldcell.skills.grasping.hand_reading import GripCommand, HandReading
 from foldcell.skills.grasping.release import RELEASE_FORCE, RELEASE_TOLERANCE
 from foldcell.skills.grasping.stuck_on_finger import (
@@ -44,7 +44,8 @@ beside it, because it drags the towel along. An earlier crease may stand up betw
 above the release, still rising, they took a layer of it along in 6 of 140 runs without a fault, and from 33 mm in
 2 of 17. At rest at this height they did so in none of 55."""
 OFF_ZERO = 0.001
-"""Empty pads that seem to meet further apart than this are read by a gripper that needs a calibration [m]."""
+"""Empty pads that seem to meet further apart than this are read by a gripper that needs a calibration [m]. With
+layers of more than 3 mm, closing pads count as met (`MET`) when they are still further apart than this."""
 WIDEST = RELEASE_OPENING + 0.005
 """A hand that is open wider than this has pressed a crease, which may stand up between its pads [m]."""
 WEIGHED = 0.03
@@ -100,7 +101,8 @@ def leave_freely(
         )
     if failure:
         return Outcome(failure=failure)
-    return Outcome(Leaving(tuple(felt), tuple(side for side, apart in met.items() if apart > OFF_ZERO)))
+    off_zero = tuple(side for side, apart in met.items() if apart > max(OFF_ZERO, MET * layer))
+    return Outcome(Leaving(tuple(felt), off_zero))
 
 
 def _risen(cell: Workcell, up: ArmTrajectory, side: Side) -> float:

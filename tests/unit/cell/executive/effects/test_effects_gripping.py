@@ -380,14 +380,19 @@ def test_empty_hands_close_and_open_again_on_their_way_up(monkeypatch: pytest.Mo
     assert cell.openings == dict.fromkeys(Side, parking.RELEASE_OPENING) and cell.q == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize("offset", [0.0, 0.003])
+@pytest.mark.parametrize(
+    ("offset", "layer", "misread"),
+    [(0.0, LAYER, False), (0.003, LAYER, True), (0.0013, 0.005, False), (0.003, 0.005, True)],
+)
 def test_a_gripper_that_misreads_its_empty_pads_is_calibrated_and_its_layers_are_forgotten(
-    offset: float, monkeypatch: pytest.MonkeyPatch
+    offset: float, layer: float, misread: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its offset was taken for thick fabric, of which the other hand later held too few layers."""
+    """Its offset was taken for thick fabric, of which the other hand later held too few layers. With layers of
+    5 mm, pads count as met before they are closed."""
     _, workcell, up, _ = rising(monkeypatch, {})
     away: Any = SimpleNamespace(retreat=up, park=way(0.0))
     monkeypatch.setattr(moving, "plan_rise", lambda *_: Outcome(away))
+    monkeypatch.setattr(moving, "_thinnest_layer", lambda _: layer)
     monkeypatch.setattr(freeing, "move", lambda *_, **__: None)
     calibrated: list[Side] = []
     for side, gripper in workcell.ports.grippers.items():
@@ -397,8 +402,8 @@ def test_a_gripper_that_misreads_its_empty_pads_is_calibrated_and_its_layers_are
     monkeypatch.setattr(left, "state", lambda: replace(seen(), opening=seen().opening + offset))
     result = moving.retreat(workcell, context_with(biases=UNLOADED, layer_thickness=0.002))
     assert result.event is Event.DONE
-    assert calibrated == ([Side.LEFT] if offset else [])
-    assert result.context.fold.layer_thickness == (None if offset else 0.002)
+    assert calibrated == ([Side.LEFT] if misread else [])
+    assert result.context.fold.layer_thickness == (None if misread else 0.002)
 
 
 def test_a_hand_that_does_not_open_again_rises_no_further(monkeypatch: pytest.MonkeyPatch) -> None:
