@@ -52,8 +52,9 @@ class TargetView:
 
     iou: overlap of the two silhouettes after the rigid motion that aligns the target with the observation. This
     motion is p -> turned(p - about) + about + drift. about: (2,) centre of the target [m]; drift: (2,) its
-    displacement [m]; drift_rad: angle of the motion [rad]. The heights of the observed garment, of the prediction
-    and of the target are above the table. Heights of meshes are those of the middle of the upper layer.
+    displacement [m]; drift_rad: angle of the motion [rad]. side: of a square with the area of the target
+    [m]. The heights of the observed garment, of the prediction and of the target are above the table. Heights of
+    meshes are those of the middle of the upper layer.
     """
 
     iou: float
