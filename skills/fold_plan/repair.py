@@ -54,12 +54,10 @@ OWN = (0.010, 0.040)
 """Cloth counts as the grasped cloth if it lay near the grasp before the fold: nearer than half the distance by
 which the grasped cloth has moved, limited to this range [m]. Cloth that stayed and now lies below the grasped
 cloth is as far from the grasp as the grasped cloth has moved."""
-
-
-STAYED, LEFT_BEHIND = 0.010, 0.2
+STAYED, LEFT_BEHIND, ABOVE = 0.010, 0.2, 0.25
 """Cloth has stayed if it moved by less than this [m]. If at least this share of the cloth near a grasp has stayed,
-and as much has moved, only the upper layers have moved."""
-
+and as much has moved, and lay higher by this share of a thickness, on average, only the upper layers have moved.
+Beside a small flap of all layers, cloth of all layers has stayed."""
 INWARD, CLOSER = 0.030, 0.25
 """Other places at which the hands may hold the moved cloth: further from its edge [m], or nearer to each other, as
 a share of their distance."""
@@ -109,7 +107,7 @@ def plan_repair(
     headings: dict[GraspId, tuple[float, float]] = {}
     patches: dict[GraspId, Patch] = {}
     for grasp_id, grasp in step.grasps.items():
-        moved, layers = _moved_layers(before, now, grasp)
+        moved, layers = _moved_layers(before, now, grasp, thickness)
         if goal is RepairGoal.COMPLETE and layers < grasp.layers:
             return Outcome(failure=_impossible(goal, step, "only its upper layers have moved"))
         place, heading, smooth = locate_grasp(before[moved], now[moved], grasp)
@@ -173,14 +171,17 @@ def _target(goal: RepairGoal, step: FoldStep, grasp_id: GraspId, thickness: floa
     return frozen(np.append(grasp.point, below + RELEASE_CLEARANCE))
 
 
-def _moved_layers(before: Array, now: Array, grasp: Grasp) -> tuple[NDArray[np.bool_], int]:
+def _moved_layers(before: Array, now: Array, grasp: Grasp, thickness: float) -> tuple[NDArray[np.bool_], int]:
     """Return which vertices (n,) tell where the grasped cloth has gone, and how many of the grasped layers went
-    there: only the upper ones, if others have stayed. before, now: (n, 3) vertices [m]."""
+    there: only the upper ones, if others have stayed. before, now: (n, 3) vertices [m]; thickness: of a layer
+    [m]."""
     near = np.linalg.norm(before[:, :2] - grasp.point, axis=1) < OWN[1]
     went = np.linalg.norm(now - before, axis=1)
     stayed = went < STAYED
     share = float(stayed[near].mean()) if near.any() else 0.0
-    if grasp.layers == 1 or min(share, 1.0 - share) < LEFT_BEHIND:
+    partly = grasp.layers > 1 and min(share, 1.0 - share) >= LEFT_BEHIND
+    height, others = (before[near & part, 2] for part in (~stayed, stayed))
+    if not partly or height.mean() - others.mean() < ABOVE * thickness:
         return np.ones(len(before), dtype=bool), grasp.layers
     return ~stayed, int(np.clip(round(grasp.layers * (1.0 - share)), 1, grasp.layers - 1))
 

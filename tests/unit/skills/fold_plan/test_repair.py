@@ -188,8 +188,9 @@ def test_only_the_corner_that_is_short_of_its_target_is_pulled_there() -> None:
     assert made.failure is not None and "cannot be completed" in made.failure.what
 
 
-def test_upper_layers_that_lie_turned_back_are_laid_back_and_not_carried_on() -> None:
-    """Two sheets lie on each other; a corner of the upper one lies turned back on it."""
+def two_sheets(crease: FoldLine, upper_only: bool) -> tuple[ClothMesh, Array, Array, FoldStep]:
+    """Two sheets that lie on each other, before and after a corner of the upper one, or of both, was turned back
+    over a crease. Also returns the fold, whose hands take both."""
     lower, flat = sheet()
     mesh = replace(
         lower,
@@ -197,13 +198,31 @@ def test_upper_layers_that_lie_turned_back_are_laid_back_and_not_carried_on() ->
         triangles=frozen(np.vstack([lower.triangles, lower.triangles + len(flat)])),
     )
     before = np.vstack([flat, flat + np.array([0.0, 0.0, THICKNESS])])
-    crease = FoldLine(np.array([0.69, 0.15]), np.array([0.6, -0.8]))
-    turned = (crease.signed_distance(before[:, :2]) > 0.0) & (before[:, 2] > THICKNESS)
+    turned = (crease.signed_distance(before[:, :2]) > 0.0) & ((before[:, 2] > THICKNESS) | (not upper_only))
     now = before.copy()
     now[turned, :2] = crease.reflect(before[turned, :2])
-    now[turned, 2] += THICKNESS
+    now[turned, 2] = 4 * THICKNESS - before[turned, 2]
     grasps = {i: replace(g, layers=2, height=2 * THICKNESS) for i, g in step().grasps.items()}
-    fold = replace(step(), grasps=grasps)
+    return mesh, before, now, replace(step(), grasps=grasps)
+
+
+def corner_crease(x: float) -> FoldLine:
+    """A crease that cuts off the corner of the left grasp, from (x, 0.15) on."""
+    return FoldLine(np.array([x, 0.15]), np.array([0.6, -0.8]))
+
+
+@pytest.mark.parametrize("x", [0.66, 0.68, 0.69])
+def test_a_flap_of_all_layers_is_repaired_with_all_layers(x: float) -> None:
+    """Much of the cloth near the grasp has stayed beside a small flap, but not below it."""
+    mesh, before, now, fold = two_sheets(corner_crease(x), upper_only=False)
+    for goal in RepairGoal:
+        planned = plan_repair(goal, mesh, before, now, fold, THICKNESS).unwrap().step.grasps[GraspId.LEFT]
+        assert planned.layers == 2 and planned.height == pytest.approx(4 * THICKNESS)
+
+
+def test_upper_layers_that_lie_turned_back_are_laid_back_and_not_carried_on() -> None:
+    crease = corner_crease(0.69)
+    mesh, before, now, fold = two_sheets(crease, upper_only=True)
     undo = plan_repair(RepairGoal.UNDO, mesh, before, now, fold, THICKNESS).unwrap()
     assert set(undo.step.grasps) == {GraspId.LEFT}, "the other corner lies in its place"
     grasp, target = undo.step.grasps[GraspId.LEFT], undo.step.targets[GraspId.LEFT]
