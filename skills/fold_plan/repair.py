@@ -176,8 +176,7 @@ def _moved_layers(before: Array, now: Array, grasp: Grasp, thickness: float) -> 
     there: only the upper ones, if others have stayed. before, now: (n, 3) vertices [m]; thickness: of a layer
     [m]."""
     near = np.linalg.norm(before[:, :2] - grasp.point, axis=1) < OWN[1]
-    went = np.linalg.norm(now - before, axis=1)
-    stayed = went < STAYED
+    stayed = np.linalg.norm(now - before, axis=1) < STAYED
     share = float(stayed[near].mean()) if near.any() else 0.0
     partly = grasp.layers > 1 and min(share, 1.0 - share) >= LEFT_BEHIND
     height, others = (before[near & part, 2] for part in (~stayed, stayed))

@@ -46,14 +46,11 @@ def with_turned_corner(
         return found
     raised = np.asarray(seen.height - draw_shape(seen.view, best.shape), dtype=float)
     raised -= np.nanmedian(raised[seen.mask])
-    area, turned, crease, upper = 0.0, None, None, 0
-    for grasp_id, grasp in stacks.items():
-        place = best.placed(np.append(grasp.point, 0.0)[None])[0, :2]
-        for layers in range(1, grasp.layers):
-            explained, line = _crease(seen, raised, place, layers * thickness)
-            if explained > area:
-                area, turned, crease, upper = explained, grasp_id, line, layers
-    if turned is None or crease is None:
+    places = {i: best.placed(np.append(grasp.point, 0.0)[None])[0, :2] for i, grasp in stacks.items()}
+    ways = [(i, upper) for i, grasp in stacks.items() for upper in range(1, grasp.layers)]
+    creases = [_crease(seen, raised, places[i], upper * thickness) for i, upper in ways]
+    (_, crease), (turned, upper) = max(zip(creases, ways, strict=True), key=lambda pair: pair[0][0])
+    if crease is None:
         return found
     now = best.taken_back(turned_back(best.shape.vertices, crease, stacks[turned].layers, upper, thickness))
     shape = replace(best.hypothesis.shape, vertices=now)

@@ -101,12 +101,11 @@ def _more_off(note: FoldNote) -> float:
         return 0.0
     step, shape = note.attempt.step, note.attempt.predicted
     laid = shape.vertices[step.line.signed_distance(fold_xy(step.earlier, shape.material)) > 0.0, :2]
-    off = (
+    was, now = (
         edge_deviation(with_drift(outline_of(s.view, s.predicted), s), s.contour, with_drift(laid, s))[0]
         for s in (before, anew)
     )
-    was, now = map(abs, off)
-    return now - was
+    return abs(now) - abs(was)
 
 
 def claim_failure(claim: Claim) -> Failure:
