@@ -46,13 +46,10 @@ def undo_extrapolation(count, awake, g, x, xp, u):
 
 
 @inner()
-def restore_positions(first, end, awake, free, x, xp, pull):
-    """Reset the vertices awake[first:end] to their positions at the beginning of the substep. Add to `pull` their
-    masses times the horizontal displacements that are undone [kg m]. free: (n,) inverse masses."""
+def restore_positions(first, end, awake, x, xp):
+    """Reset the vertices awake[first:end] to their positions at the beginning of the substep."""
     for c in range(first, end):
         i = awake[c]
-        for m in range(2):
-            pull[m] += (x[i, m] - xp[i, m]) / free[i]
         store(x, i, load(xp, i))
 
 

@@ -234,8 +234,8 @@ def _compile(sources: str) -> Callable[..., int]:
                         solve_hinges(
                             count[HINGES], hinge, weight, part, bend_ratio, u
                         )  # fmt: skip
-                    undo_extrapolation(count[MOVABLE], awake, parameters.bend_gamma, x, xp, u)
-                    restore_positions(count[AWAKE], count[MOVABLE], awake, free, x, xp, state.pull)
+                    undo_extrapolation(count[AWAKE], awake, parameters.bend_gamma, x, xp, u)
+                    restore_positions(count[AWAKE], count[MOVABLE], awake, x, xp)
                     a = (s + 1.0) / parameters.substeps
                     if holding:
                         hold(

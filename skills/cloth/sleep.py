@@ -30,8 +30,7 @@ NEAR_CAPSULE = 0.02  # [m] cloth nearer to a moving capsule is awake
 @inner()
 def update_sleep(body, parameters, state, pairs, holds, cap_p0, cap_p1, cap_r, f):
     """Decide at the beginning of frame f which vertices are awake. Vertices that moved stay awake. They wake two
-    rings of neighbours and the vertices that they touch. A pull that friction may not hold wakes all. Quiet
-    vertices fall asleep."""
+    rings of neighbours and the vertices that they touch. Quiet vertices fall asleep."""
     count = state.counts
     stirred, near = state.stirred, state.near
     stirred[:] = False
@@ -49,9 +48,6 @@ def update_sleep(body, parameters, state, pairs, holds, cap_p0, cap_p1, cap_r, f
         stirred,
     )
     _stir_by_capsules(state.x, stirred, cap_p0, cap_p1, cap_r, f)
-    if _slides(parameters, state.pull, state.awake, body.w):
-        stirred[:] = True
-    state.pull[:] = 0.0
     for i in range(len(near)):  # quicker to compile than an assignment to the slice
         near[i] = stirred[i]
     _grow(body.ring_start, body.ring, near, 2)
@@ -120,19 +116,6 @@ def _stir_by_capsules(x, stirred, cap_p0, cap_p1, cap_r, f):
         for i in range(len(x)):
             if squared_distance(x, i, cap_p0[f + 1, k], cap_p1[f + 1, k]) < reach * reach:
                 stirred[i] = True
-
-
-@inner()
-def _slides(parameters, pull, awake, w):
-    """True if awake cloth pulled at the sleeping cloth along the table with more than the static friction of the
-    sleeping weight. pull: (2,) force along x and y, summed over the substeps of a frame, times h^2 [kg m]."""
-    mass = 0.0
-    for i in range(len(w)):
-        if not awake[i] and w[i] > 0.0:
-            mass += 1.0 / w[i]
-    weight = mass * np.sqrt(parameters.gx**2 + parameters.gy**2 + parameters.gz**2)
-    most = parameters.mu_static * weight * parameters.h**2 * parameters.substeps
-    return pull[0] ** 2 + pull[1] ** 2 > most * most
 
 
 @inner()

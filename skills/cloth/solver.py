@@ -183,7 +183,7 @@ class ClothSimulation:
         s.quiet[:], s.kept[:] = 0, 0
         s.awake[:], s.expired[:], s.wa[:] = self._body.w > 0.0, True, self._body.w
         s.turned[:], s.moving[:] = False, False
-        s.press[:], s.still[:], s.pull[:] = 0.0, False, 0.0
+        s.press[:], s.still[:] = 0.0, False
         s.counts[:] = 0
         free = np.flatnonzero(s.awake)
         s.awake_list[: len(free)] = free
@@ -272,7 +272,7 @@ class ClothSimulation:
             for times in FINER:
                 finer = self._with_substeps(times * self.substeps, before)
                 if finer._advanced(p, r, path) and finer._sound():
-                    self._continue_from(finer.checkpoint(), finer.substeps)
+                    self._continue_from(finer.checkpoint())
                     return
         if kept:
             return
@@ -334,15 +334,13 @@ class ClothSimulation:
                 self.mesh, self.material, settings=settings, table=bool(self._solver_parameters.table),
                 pads=self.pads, fixed=self._body.w == 0.0,
             )  # fmt: skip
-        other._continue_from(state, self.substeps)
+        other._continue_from(state)
         return other
 
-    def _continue_from(self, saved: Mapping[str, Array], substeps: int) -> None:
-        """Continue from a checkpoint with other substeps, so many in a frame: all contacts are examined anew, the
-        packed lists are filled anew and the pull is converted, because waiting times, impulses, compliances and
-        the pull depend on the length of a substep."""
+    def _continue_from(self, saved: Mapping[str, Array]) -> None:
+        """Continue from a checkpoint with other substeps: all contacts are examined anew and the packed lists are
+        filled anew, because waiting times, impulses and compliances depend on the length of a substep."""
         self.restore(saved)
-        self._state.pull[:] *= substeps / self.substeps
         self._state.counts[PACKED] = self._state.counts[SEARCHED] = 0
         for remembered in (self._pairs.vt_due, self._pairs.ee_due, self._pairs.vt_j, self._pairs.ee_j):
             remembered[...] = 0

@@ -117,7 +117,6 @@ _STATE: Table = {
     "stirred": (np.bool_, "n"),
     "top_row": (np.int32, "n"),
     "near": (np.bool_, "n"),
-    "pull": (float, 2),
     "awake_list": (np.int32, "n"),
     "low": (np.int32, "n"),
     "floor": (float, "n"),
@@ -176,9 +175,7 @@ that is awake or predicted to move.
 ref: (n, 3) reference point, the position at which the vertex was last found to move; last: (n, 3) position one
 frame ago; quiet: (n,) frames since anything near the vertex moved; kept: (n,) frames since it left its
 reference point; turned: (n,) True if it fell asleep or woke since the last search; still: (n,) True if it
-hardly moved in the last frame; pull: (2,) force of the awake cloth on the sleeping one along x and y, summed over
-the substeps of this frame, times h^2 [kg m]; stirred, near: (n,) scratch of sleep.py; top_row: (n,) scratch,
-filled with -1.
+hardly moved in the last frame; stirred, near: (n,) scratch of sleep.py; top_row: (n,) scratch, filled with -1.
 
 Only with bending friction, else empty: slip: (h,) the turn towards which friction pulls each hinge; held: (h +
 1,) latest load of each friction spring, then a 0; axis, foot, turn, friction_inverse, moment: last measurement

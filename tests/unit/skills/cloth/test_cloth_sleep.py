@@ -9,7 +9,7 @@ from foldcell.skills.cloth.mesh import mesh_from_contour
 from foldcell.skills.cloth.predict import predict_fold
 from foldcell.skills.cloth.settings import SolverSettings
 from foldcell.skills.cloth.sleep import SWINGS, _find_moving, pack
-from foldcell.skills.cloth.solver import FINER, ClothSimulation
+from foldcell.skills.cloth.solver import ClothSimulation
 from foldcell.skills.cloth.state import AWAKE, EDGES, HINGES, MOVABLE, PACKED
 from tests.builders.cloth import call
 
@@ -40,62 +40,6 @@ def test_awake_vertices_are_not_affected_by_sleeping_ones(at_rest, axis):
     moved = 1e3 * np.linalg.norm(s.positions - before, axis=1)
     assert not moved[asleep].any()
     assert moved[~asleep].max() < 0.1
-
-
-def drag(s, way, frames):
-    """Drag a flat towel by its edge along x, by `way` [m] in 36 frames, and end after `frames`. Returns the force
-    on the hand in each frame [N]."""
-    place = np.array([s.positions[:, 0].max() - 0.005, s.positions[:, 1].mean(), 0.001])
-    closed = np.diag([1.0, -1.0, -1.0])
-    s.grip(0, place, closed, 15.0)
-    forces = []
-    for k in range(frames):
-        hands = np.zeros((2, 2, 3))
-        hands[:, 0], hands[:, 1] = place, s._tool_p[1]
-        hands[:, 0, 0] += way * np.array([k, k + 1]) / 36
-        s.advance_along(hands, np.broadcast_to(np.array([closed, s._tool_r[1]]), (2, 2, 3, 3)).copy())
-        forces.append(np.linalg.norm(s.pinch_force(0)[:2]))
-    return forces
-
-
-@pytest.mark.parametrize("sleep_frames", [10, 0])
-@pytest.mark.parametrize("way", [1.0, -1.0])
-def test_a_towel_is_dragged_by_no_more_than_its_friction(way, sleep_frames):
-    """A hand drags a flat towel by its edge. Closed form: static friction times weight, 0.57 N. When sleeping
-    vertices held any pull, it was 0.68 N."""
-    mesh, material = towel_mesh(425)
-    s = ClothSimulation(mesh, material, settings=SolverSettings(sleep_frames=sleep_frames))
-    s.advance(30)
-    assert s.asleep.all() == (sleep_frames > 0)
-    start = s.positions
-    forces = drag(s, 0.03 * way, 36)
-    friction = material.friction_static * material.areal_mass * mesh.vertex_area.sum() * 9.81
-    assert 0.94 * friction < max(forces) < 1.04 * friction
-    assert np.linalg.norm(s.positions - start, axis=1).max() < 0.05
-
-
-@pytest.mark.parametrize("times", FINER)
-def test_the_pull_is_the_same_force_after_a_change_of_the_substeps(times):
-    """Frames in which positions were lost are repeated with more substeps. Sleeping cloth that is pulled by two
-    thirds of what friction holds stays asleep meanwhile, and afterwards."""
-    mesh, material = towel_mesh(425)
-    s = ClothSimulation(mesh, material, at_rest=True)
-    drag(s, 0.03, 16)
-
-    def force(at):
-        return np.linalg.norm(at._state.pull) / at.substeps / (at.settings.frame / at.substeps) ** 2
-
-    pull, asleep = force(s), s.asleep
-    friction = material.friction_static * material.areal_mass * mesh.vertex_area[asleep].sum() * 9.81
-    assert 0.55 < pull / friction < 0.75
-    finer = s._with_substeps(times * s.substeps, s.checkpoint())
-    assert force(finer) == pytest.approx(pull)
-    finer.advance(1)
-    assert finer.asleep.sum() > 0.9 * asleep.sum() and force(finer) == pytest.approx(pull, rel=0.3)
-    s._continue_from(finer.checkpoint(), finer.substeps)
-    assert force(s) == pytest.approx(force(finer))
-    s.advance(1)
-    assert s.asleep.sum() > 0.9 * asleep.sum() and force(s) == pytest.approx(pull, rel=0.3)
 
 
 @pytest.mark.parametrize("start", range(4))
