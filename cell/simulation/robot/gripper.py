@@ -68,12 +68,12 @@ class SimulatedGripper:
         self._calibrating = self._after = None
 
     def calibrate(self) -> None:
-        """Close and open once, which takes cell time, and clear an error unless the gripper is broken. A command
-        during the calibration is executed after it."""
+        """Close and open once, which takes cell time, and clear an error unless the gripper is broken. Until the
+        end it counts as not calibrated, also if it was. A command during the calibration is executed after it."""
         self.in_error = self.broken
         if self.in_error:
             return
-        self._calibrating = self._noise.calibration_time
+        self._calibrating, self._calibrated = self._noise.calibration_time, False
         self._release()
 
     def command(self, opening: float, force: float) -> None:

@@ -50,6 +50,17 @@ def test_a_gripper_refuses_before_calibration_and_follows_after_it() -> None:
     assert bench.closings == []  # the calibration grips nothing
 
 
+def test_a_calibrated_gripper_counts_as_not_calibrated_while_it_is_calibrated_again() -> None:
+    """Who waits for the end of a calibration waits for `calibrated`, as with the real gripper."""
+    bench = Bench()
+    bench.gripper.calibrate()
+    bench.run(0.5 * NOISE.calibration_time)
+    state = bench.gripper.state()
+    assert state.moving and not state.calibrated
+    bench.run(NOISE.calibration_time)
+    assert bench.gripper.state().calibrated
+
+
 def test_an_empty_gripper_closes_fully_without_force() -> None:
     bench = Bench()
     bench.gripper.command(0.03, 10.0)
