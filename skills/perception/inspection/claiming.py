@@ -36,8 +36,8 @@ DRIFT_ANGLE_SIGMA = float(np.deg2rad(1.0))
 """Standard deviations of the displacement [m] and its angle [rad]."""
 
 SURE = 2.0 / 3.0
-"""Smallest probability with which the shape and the flatness are claimed. A false claim counts twice as much as a
-good fold that is not claimed."""
+"""Smallest probability with which the shape, the flatness, and both together are claimed. A false claim counts
+twice as much as a good fold that is not claimed."""
 SURE_AFTER = 0.85
 """The same for the shape after a disturbance, because the errors above are those of runs without one, and layers
 may lie under others; two hidden folds may pass (`HIDDEN_GOOD`). Heights are seen as well as before."""
@@ -196,6 +196,10 @@ def claim_fold(
     if not wrong and probable_shape < (SURE_AFTER if folds.disturbed else SURE):
         wrong = (
             f"its shape or place is so near to a limit that it is good with a probability of {probable_shape:.2f}",
+        )
+    elif not wrong and flat and (both := probable_shape * probable_flat) < SURE:
+        wrong = (
+            f"its shape and height are so near to limits that both are good with a probability of {both:.2f}",
         )
     if seen.diagnosis not in SHAPE_KEPT:
         probable_shape = min(probable_shape, 1.0 - seen.confidence)

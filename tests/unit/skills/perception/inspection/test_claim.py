@@ -72,6 +72,13 @@ def test_a_shape_over_a_doubtful_fold_is_not_claimed() -> None:
     assert "sleeve_left was not found good" in claim.says and claim.reliability > 0.5
 
 
+def test_a_shape_and_a_height_that_are_each_just_sure_enough_are_not_claimed_together() -> None:
+    near = claimed(aligned=0.917), claimed(height=0.0183)
+    assert all(claim.holds for claim in near) and math.prod(claim.reliability for claim in near) < SURE
+    both = claimed(aligned=0.917, height=0.0183)
+    assert not both.holds and "both are good with a probability of 0." in both.says and 0.3 < both.probable < SURE
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
@@ -185,7 +192,7 @@ def test_layers_that_were_disturbed_and_are_hidden_since_count_as_unknown() -> N
     seen, once, twice = (claimed(folds=SeenFolds(hidden=h)) for h in ((), ("half",), ("half", "quarter")))
     assert once.reliability == pytest.approx(0.95 * seen.reliability) and once.holds
     assert twice.reliability == pytest.approx(0.95**2 * seen.reliability)
-    sure, doubt = (claimed(aligned=0.9139, folds=SeenFolds(hidden=h)) for h in ((), ("half",)))
+    sure, doubt = (claimed(aligned=0.9150, folds=SeenFolds(hidden=h)) for h in ((), ("half",)))
     assert sure.holds and not doubt.holds, "one more doubt refutes a claim near its limit"
 
 
