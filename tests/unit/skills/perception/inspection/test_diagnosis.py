@@ -270,6 +270,17 @@ def test_an_uneven_edge_that_sags_far_is_a_defect_however_uneven_it_is():
     assert diagnose(seen, STEP, S)[0] is K.SAG
 
 
+def test_a_thin_edge_that_is_measured_unevenly_does_not_sag():
+    """The strips of a good hem (T-shirt 7359, two layers that raise the surface by 1.24 mm). Smooth thin edges and
+    uneven thick ones still sag."""
+    lag = 1e-3 * np.array([-2.0, -2.0, 46.0, 54.0, -4.0, 24.0, 50.0, -4.0, -6.0])
+    hem = MovedEdge(lag, 0.00124, noise=1.64)
+    assert hem.sag > 0.050 and diagnose(inspection(edge=hem), STEP, S)[0] is None
+    smooth = MovedEdge(0.050 * np.sin(np.pi * (np.arange(9) + 0.5) / 9), 0.00124, noise=1.64)
+    for sagging in (smooth, MovedEdge(lag, 0.003)):
+        assert diagnose(inspection(edge=sagging), STEP, S)[0] is K.SAG
+
+
 def test_a_sag_within_its_standard_error_of_the_limit_is_no_defect():
     """Edges of thin shirts that lay well seemed to sag by 30.3 to 34.4 mm, with standard errors of 7 to 8 mm."""
     seen = inspection(edge=uneven(1.3 * EDGE_SAG, 0.008))
